@@ -6,6 +6,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
 from runout.errors import DemError, InputError
-from runout.io.boundary import exists, names_in
+from runout.io.boundary import exists, kind_of, names_in
 from runout.io.source_kinds import file_in, holds_geometries, is_dataset, with_file
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 SAMPLES = "matplotlib:"
 LAYER_OPTION = "--layer"
+Copy = Callable[[str, Path, str], str]  # of a source to a folder under a name; returns the name of the copy
 WIDTH = 110
 LARGEST_PLAIN = 1e5  # larger numbers are easier to read as 5e7
 HEAD = """\
@@ -105,10 +107,12 @@ def _missing(source: str, what: str) -> str:
     path = Path(file_in(source))
     if source.startswith("/vsi") or "://" in source:
         return f"{source}: is no file on this machine; download or unpack it, and name the file"
-    if exists(path) and not (path.is_dir() and not is_dataset(path)):
-        return ""
+    if kind_of(path):
+        return f"{path}: is {kind_of(path)}, not a file; copy its content to a file and name that"
+    if exists(path) and not os.access(path, os.R_OK):
+        return f"{path}: cannot be read; check its permissions"
     if exists(path):
-        return f"{path}: is a folder; name the {what} file in it"
+        return f"{path}: is a folder; name the {what} file in it" if path.is_dir() and not is_dataset(path) else ""
     near = nearest_file(path)
     return f"{path}: there is no such {what} file" + (f"; did you mean {near}?" if near else "; check its path")
 
@@ -172,15 +176,16 @@ def _fill(folder: Path, settings: dict[str, Any], release: dict[str, Any]) -> No
     """Copy the inputs to ``inputs/`` and write a site.yaml that names the copies."""
     from runout.io.input_copies import copy_raster, copy_vector
 
-    def copied(copy: Callable[[str, Path, str], str], source: str, stem: str) -> str:
+    def copied(copy: Copy, source: str, stem: str) -> str:
         name = copy(source, folder / "inputs", stem)
         return with_file(name, f"inputs/{file_in(name)}")
 
+    layer = release.get("layer")
+    copies: dict[str, Copy] = {"polygons": partial(copy_vector, layer=layer), "raster": copy_raster}
     if not settings["terrain"]["dem"].startswith(SAMPLES):
         settings["terrain"]["dem"] = copied(copy_raster, settings["terrain"]["dem"], "dem")
-    for key, copy in {"polygons": copy_vector, "raster": copy_raster}.items():
-        if key in release:
-            settings["release"] = [release | {key: copied(copy, release[key], "release")}]
+    for key in release.keys() & copies:
+        settings["release"] = [release | {key: copied(copies[key], release[key], "release")}]
     (folder / FILE_NAME).write_text(commented_yaml(SiteSettings.model_validate(settings)), encoding="utf-8")
 
 

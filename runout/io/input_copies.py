@@ -12,6 +12,7 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from runout.io.source_kinds import SQLITE, file_in, with_file
 from runout.io.window import LARGEST_WHOLE
 
 CELLS_AT_ONCE = 2**20  # cells of two rasters that are compared at once
-MOST_COMPARED = 2**25  # cells; of a larger raster evenly spaced rows are compared, since its files are compared as well
+MOST_COMPARED = 2**24  # cells; of a larger raster evenly spaced rows are compared, since its files are compared as well
 SAME_CORNER = 1e-9  # difference of two corners in cells; a file format may round the last digits
 LOCKS = (*NOT_YET_WRITTEN_BACK, "-shm", ".lock")  # files of a program that has the input open
 GEOTIFF = {"driver": "GTiff", "tiled": True, "compress": "deflate", "bigtiff": "if_safer"}
@@ -58,9 +59,12 @@ def copy_raster(source: str, folder: Path, stem: str) -> str:
     return _copied(source, folder, stem, raster_difference)
 
 
-def copy_vector(source: str, folder: Path, stem: str) -> str:
-    """Name of the copy of a vector file or a file geodatabase in a folder; parameters and errors as of :func:`copy_raster`."""
-    return _copied(source, folder, stem, vector_difference)
+def copy_vector(source: str, folder: Path, stem: str, layer: str | None = None) -> str:
+    """Name of the copy of a vector file or a file geodatabase in a folder; parameters and errors as of :func:`copy_raster`.
+
+    Of several layers ``layer`` is compared, by default all.
+    """
+    return _copied(source, folder, stem, partial(vector_difference, layer=layer))
 
 
 def raster_difference(one: str, other: str) -> str:
@@ -80,13 +84,13 @@ def raster_difference(one: str, other: str) -> str:
         return next((f"values of band {band}" for band in first.indexes if not _equal_band(first, second, band)), "")
 
 
-def vector_difference(one: str, other: str) -> str:
+def vector_difference(one: str, other: str, layer: str | None = None) -> str:
     """In what two vector files differ: layers, coordinate system, geometries or attributes; empty if they are equal."""
     first, second = (open_vector(Path(name), InputError) for name in (one, other))
     layers = first.layers(), second.layers()
     if layers[0] != layers[1] and max(map(len, layers)) > 1:  # the only layer of a shapefile is named as the file
         return "layers"
-    for names in zip(*layers, strict=True):
+    for names in zip(*layers, strict=True) if layer is None else [(layer, layer)]:
         (a, _), (b, _) = first.read(names[0]), second.read(names[1])
         if a.crs != b.crs:
             return "coordinate system"

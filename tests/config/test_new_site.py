@@ -167,6 +167,13 @@ def test_a_release_of_lines_or_points_is_refused_with_the_remedy(tmp_path, input
     assert not (tmp_path / "site").exists()
 
 
+def test_a_named_pipe_is_refused_at_once(tmp_path, inputs):
+    os.mkfifo(tmp_path / "pipe.gpkg")
+    for sources in ((inputs / "dem.asc", tmp_path / "pipe.gpkg"), (tmp_path / "pipe.gpkg", inputs / "release.geojson")):
+        with pytest.raises(InputError, match=r"pipe\.gpkg: is a named pipe, not a file"):
+            new_site(tmp_path / "site", *sources)
+
+
 def test_one_of_several_layers_is_named_and_stated(tmp_path, inputs, outline):
     import geopandas
 

@@ -18,7 +18,7 @@ from shapely import box
 
 from runout import Terrain
 from runout.errors import InputError
-from runout.io import input_copies
+from runout.io import input_copies, opening
 from runout.io.input_copies import copy_raster, copy_vector, raster_difference, vector_difference
 from runout.io.opening import open_raster, open_vector
 
@@ -264,6 +264,15 @@ def test_the_copy_of_a_vector_file_reads_as_the_original_when_that_is_gone(kind,
     assert found.crs == frame().crs
     assert found.geometry.geom_equals(frame().geometry).all()
     assert found["h"].tolist() == [4.0, 5.0]
+
+
+def test_layers_that_are_not_used_are_not_read(tmp_path, target, monkeypatch):
+    frame().to_file(tmp_path / "x.gpkg", layer="release", engine="pyogrio")
+    frame(h=[1.0, 2.0]).loc[[0, 1, 1]].to_file(tmp_path / "x.gpkg", layer="parcels", engine="pyogrio")
+    monkeypatch.setattr(opening, "MOST_FEATURES", 2)
+    with pytest.raises(InputError, match="has 3 features"):
+        copy_vector(str(tmp_path / "x.gpkg"), target, "all")
+    assert copy_vector(str(tmp_path / "x.gpkg"), target, "release", "release") == "release.gpkg"
 
 
 def edited_in_its_journal(path):
