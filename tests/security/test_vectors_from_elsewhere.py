@@ -109,6 +109,15 @@ def test_a_view_that_is_only_in_the_journal_of_a_geopackage_is_refused(geopackag
         refused(geopackage, terrain, "layer 'seen' is a view; write it as a table")
 
 
+def test_a_geopackage_whose_journal_cannot_be_read_is_refused(geopackage, terrain, monkeypatch):
+    def refusing(*_, **__):
+        raise sqlite3.OperationalError("unable to open database file")
+
+    geopackage.with_name("release.gpkg-wal").write_bytes(b"changes")
+    monkeypatch.setattr(sqlite3, "connect", refusing)  # as SQLite does in a folder that cannot be written
+    refused(geopackage, terrain, "unable to open database file.*; close it in other programs, or copy it and its -wal file")
+
+
 def test_a_geopackage_with_a_virtual_table_is_refused(geopackage, terrain):
     with sqlite3.connect(geopackage) as database:
         database.execute("PRAGMA writable_schema = ON")
