@@ -179,7 +179,9 @@ def require_geopackage_inside(path: Path, error: type[InputError]) -> None:
             entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
             layers = {str(row[0]).lower() for row in database.execute("SELECT table_name FROM gpkg_contents")}
     except (sqlite3.Error, UnicodeError) as cause:  # SQLite repeats damaged names in its messages
-        remedy = "export it again" if immutable else "close it in other programs, or copy it and its -wal file to a folder of your own"
+        remedy = (
+            "export it again" if immutable else "close it in other programs, or copy it and its -wal file to a folder of your own"
+        )
         raise error(f"{path}: cannot be read as a GeoPackage ({cause}); {remedy}") from cause
     for kind, name, text in entries:
         if kind == "view" and str(name).lower() in layers:
