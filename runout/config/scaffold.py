@@ -22,6 +22,7 @@ from runout.config.thickness_attribute import thickness_of
 from runout.errors import DemError, InputError
 from runout.io.boundary import exists, kind_of, names_in
 from runout.io.source_kinds import file_in, holds_geometries, is_dataset, with_file
+from runout.model.limits import checked
 
 if TYPE_CHECKING:
     from runout.model.terrain import Terrain
@@ -129,14 +130,15 @@ def _require_free(folder: Path, *sources: str) -> None:
 def _cell_and_release(
     dem: str, release: str, thickness: str | None, crs: str | None, layer: str | None
 ) -> tuple[float, dict[str, Any]]:
-    """Size of the cells of the elevations [m], and settings of the release. Both inputs are read."""
+    """Grid spacing to start with, that of the elevations [m], and settings of the release. Both inputs are read."""
     from runout.config.extent import extent_around
     from runout.terrain.read import read_header, read_terrain
 
     states_no_system = not read_header(dem, crs).crs
     try:
         terrain = read_terrain(dem, crs, extent_around(dem, Path(release), crs))
-        return min(terrain.cell_size), _first_release(release, terrain, thickness, layer)
+        cell = checked("cell_size", _two_digits(min(terrain.cell_size)), place=dem, key="size of the cells", error=DemError)
+        return cell, _first_release(release, terrain, thickness, layer)
     except InputError as error:
         if states_no_system and "crs" in str(error):  # the message names the key of site.yaml
             error.args = (f"{error}; `runout new --crs EPSG:CODE` states it",)
@@ -208,13 +210,13 @@ def _first_settings(name: str, cell: float, dem: str, crs: str | None) -> dict[s
         "terrain": {"dem": dem} if crs is None else {"dem": dem, "crs": crs},
         "material": {"density": 2000.0, "friction_angle_deg": 32.0},
         "basal_friction_angle_deg": 20.0,
-        "simulation": {"cell_size": _two_digits(cell), "end_time": 120.0},
+        "simulation": {"cell_size": cell, "end_time": 120.0},
         "ensemble": {"members": 8, "seed": 1, "parameters": {"basal_friction_angle_deg": angle}},
     }
 
 
 def _two_digits(cell: float) -> float:
-    """Grid spacing to start with: the raster's cell, to two digits [m]."""
+    """A size with two digits."""
     step = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return round(round(cell / step) * step, 6)
 

@@ -301,6 +301,14 @@ def test_cell_size_is_rounded_to_two_digits(tmp_path, inputs):
     np.testing.assert_allclose(load(made).simulation.cell_size, 5.0, rtol=1e-12)
 
 
+def test_cells_that_no_run_can_have_are_refused(tmp_path, inputs):
+    text = (inputs / "dem.asc").read_text(encoding="utf-8").replace("cellsize 10", "cellsize 20000")
+    (tmp_path / "coarse.asc").write_text(text, encoding="utf-8")
+    with pytest.raises(DemError, match=r"coarse\.asc: size of the cells is 20000 m; it must be"):
+        new_site(tmp_path / "site", tmp_path / "coarse.asc", inputs / "release.geojson")
+    assert not (tmp_path / "site").exists()
+
+
 @pytest.fixture
 def outline(tmp_path, inputs):
     """Writes the release polygon with other attributes; returns its path."""
