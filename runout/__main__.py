@@ -1,6 +1,7 @@
 """Entry point of the command ``runout``. From here on a signal ends the process with one line, also during imports."""
 
 import gc
+import os
 import sys
 
 from runout.ending import end_at_once
@@ -9,12 +10,20 @@ from runout.ending import end_at_once
 def main() -> int:
     """Exit code of the command of this process."""
     end_at_once()
+    _restart_in_utf8()
     gc.disable()  # imports leave no garbage to look for; it is enabled before work that takes longer
     from runout.cli import main as command
     from runout.without_dask import hide_dask
 
     hide_dask()
     return command()
+
+
+def _restart_in_utf8() -> None:
+    """Start the process again in the UTF-8 mode of Python if its locale has another encoding: GDAL takes UTF-8 file names only."""
+    if sys.getfilesystemencoding() != "utf-8":
+        os.environ["PYTHONUTF8"] = "1"  # for the workers
+        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -17,15 +18,17 @@ def new(
     folder: Path,
     *,
     dem: Annotated[str, Parameter(help="Elevation raster.")],
-    release: Annotated[Path, Parameter(help="Polygons or thickness raster of the release.")],
+    release: Annotated[str, Parameter(help="Polygons or thickness raster of the release.")],
     thickness: Annotated[str | None, Parameter(help="Attribute of the polygons that holds the thickness, or metres.")] = None,
+    crs: Annotated[str | None, Parameter(help="Coordinate system of a DEM that states none, such as EPSG:32632.")] = None,
+    layer: Annotated[str | None, Parameter(help="Layer of the polygons, where their file has several.")] = None,
     session: Injected,
 ) -> int:
     """Make a site folder: a commented site.yaml and inputs/."""
     from runout.config.scaffold import new_site
 
-    made = new_site(folder, dem, release, thickness)
-    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, folder)
+    made = new_site(folder, dem, release, thickness, crs=crs, layer=layer)
+    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, quote(str(folder)))
     return ExitCode.OK
 
 

@@ -14,6 +14,7 @@ from runout.config.stated_at import stated_at
 from runout.errors import DemError
 from runout.io.opening import BYTES_PER_CELL
 from runout.io.provenance import checksum
+from runout.io.source_kinds import holds_geometries
 from runout.io.window import LARGEST_WHOLE, Bounds, part_of
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ LARGEST_DERIVED = 50_000_000  # cells; for a larger extent, state terrain.extent
 FIRST = 64  # width [cells] around the releases of the first extent tried
 BEYOND = 16  # width [cells] of the margin around the area within reach
 SHARE_BEYOND = 0.05  # the same margin as a share of the width of that area
-VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb")
 EDGE_POINTS = 21  # points per edge of an extent that is transformed
 
 
@@ -91,8 +91,10 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
     return _grown(site, header, edges)
 
 
-def extent_around(dem: Path | str, release: Path) -> Bounds | None:
+def extent_around(dem: Path | str, release: Path, crs: str | None = None) -> Bounds | None:
     """Extent of a huge elevation raster around a release; None for smaller rasters, which are read as a whole.
+
+    ``crs`` is the system of a raster that states none.
 
     Raises
     ------
@@ -102,10 +104,10 @@ def extent_around(dem: Path | str, release: Path) -> Bounds | None:
     from runout.config.schema import ReleaseSettings
     from runout.terrain.read import read_header
 
-    header = read_header(dem)
+    header = read_header(dem, crs)
     if header.cells <= LARGEST_WHOLE:
         return None
-    is_vector = release.suffix.lower() in VECTOR_SUFFIXES
+    is_vector = holds_geometries(release)
     path = str(release.absolute())
     stated = ReleaseSettings.model_construct(polygons=path) if is_vector else ReleaseSettings.model_construct(raster=path)
     west, south, east, north = release_bounds(stated, Path(), header)

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from runout.config.download import download
 from runout.config.remote import RemoteFile
+from runout.config.stated_at import without_folder
 from runout.errors import InputError, StorageError
 from runout.io.boundary import exists, require_regular
+from runout.io.source_kinds import file_in, with_file
 
 DATA_FOLDER = "RUNOUT_DATA"
 CACHE_FOLDER = "RUNOUT_CACHE"
@@ -19,12 +21,12 @@ LOGGER = logging.getLogger(__name__)
 
 
 def locate(source: str | RemoteFile, folder: Path) -> str | Path:
-    """Path of an input; the name of a sample raster is returned unchanged.
+    """Path of an input; for one raster of several in a file its GDAL name with that path; the name of a sample is not changed.
 
     Parameters
     ----------
     source : str or RemoteFile
-        Path relative to ``folder``, ``matplotlib:NAME``, or a public file.
+        Path relative to ``folder``, ``NETCDF:"PATH":VARIABLE`` and the like, ``matplotlib:NAME``, or a public file.
     folder : Path
         Folder of the site.
 
@@ -39,10 +41,10 @@ def locate(source: str | RemoteFile, folder: Path) -> str | Path:
         return fetch(source)
     if source.startswith("matplotlib:"):
         return source
-    path = folder / source
+    path = folder / file_in(source)
     if exists(path):  # its reader reports a missing file
         require_regular(path, InputError)
-    return path
+    return path if file_in(source) == source else with_file(source, path)
 
 
 def fetch(remote: RemoteFile) -> Path:
@@ -76,8 +78,8 @@ def without_fetched_folders(text: str) -> str:
     """A message whose files in RUNOUT_DATA are relative to it, and whose files in the cache have the name that their URL has."""
     stated = os.environ.get(DATA_FOLDER)
     if stated:
-        text = re.sub(rf"(?<![\w./-]){re.escape(os.path.normpath(Path(stated).expanduser()))}/", "", text)
-    return re.sub(rf"{re.escape(str(cache_folder()))}/[0-9a-f]{{12}}-", "", text)
+        text = without_folder(text, os.path.normpath(Path(stated).expanduser()))
+    return without_folder(text, str(cache_folder()), "[0-9a-f]{12}-")
 
 
 def _in_data_folder(remote: RemoteFile) -> Path | None:

@@ -27,6 +27,7 @@ from runout.config.wording import choice_fix
 from runout.errors import ConfigError, Problem
 from runout.io.boundary import exists, kind_of, names_in
 from runout.io.georeference import file_named_by
+from runout.io.source_kinds import file_in
 
 FILE_NAME = "site.yaml"
 MOST_NAMES, LONGEST_NAME = 1000, 255  # names of a folder that are compared with a missing one; characters of a name
@@ -169,7 +170,7 @@ def _blocks(document: Document, place: Location) -> list[dict[str, Any]]:
 
 def _unusable_files(document: Document, folder: Path) -> Iterator[Problem]:
     for location, name in _local_files(document):
-        path = folder / name
+        path = folder / file_in(name)
         if name.startswith("matplotlib:"):
             if name not in SAMPLE_DEMS:
                 message = f"{name!r} is not a sample elevation raster"
@@ -197,7 +198,7 @@ def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     named += settings.probes.files() if settings.probes else []
     local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
     root = folder.resolve()
-    places = {name: (folder / name).resolve() for name in local}
+    places = {name: (folder / file_in(name)).resolve() for name in local}
     return [f"{name}: lies outside the folder of the site, at {p}" for name, p in places.items() if not p.is_relative_to(root)]
 
 

@@ -3,28 +3,33 @@
 import math
 import os
 import re
-import shutil
-import tempfile
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from runout.config.extent import VECTOR_SUFFIXES
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.material import BLOCK
 from runout.config.problems import inner_model
 from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
-from runout.errors import InputError
+from runout.errors import DemError, InputError
+from runout.io.boundary import exists, kind_of, names_in
+from runout.io.source_kinds import file_in, holds_geometries, is_dataset, with_file
+from runout.model.limits import checked
 
-RASTER_SUFFIXES = (".tif", ".tiff", ".asc", ".nc", ".img", ".vrt", ".flt", ".bil")
-SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg", ".tfw", ".hdr", ".aux.xml")
+if TYPE_CHECKING:
+    from runout.model.terrain import Terrain
+
+SAMPLES = "matplotlib:"
+LAYER_OPTION = "--layer"
+Copy = Callable[[str, Path, str], str]  # of a source to a folder under a name; returns the name of the copy
 WIDTH = 110
 LARGEST_PLAIN = 1e5  # larger numbers are easier to read as 5e7
 HEAD = """\
@@ -33,7 +38,15 @@ HEAD = """\
 """
 
 
-def new_site(folder: Path | str, dem: Path | str, release: Path | str, thickness: str | None = None) -> Path:
+def new_site(
+    folder: Path | str,
+    dem: Path | str,
+    release: Path | str,
+    thickness: str | None = None,
+    *,
+    crs: str | None = None,
+    layer: str | None = None,
+) -> Path:
     """Path of the site.yaml of a new site folder with copies of its inputs.
 
     Parameters
@@ -41,37 +54,40 @@ def new_site(folder: Path | str, dem: Path | str, release: Path | str, thickness
     folder : path
         Folder to make; its name becomes the name of the site.
     dem : path or str
-        Elevation raster, or ``matplotlib:jacksboro_fault_dem``.
-    release : path
-        Polygons (GeoPackage, Shapefile, GeoJSON) or raster of thickness.
+        Elevation raster, GDAL's name of one raster of several in a file (``NETCDF:"dem.nc":z``), or
+        ``matplotlib:jacksboro_fault_dem``.
+    release : path or str
+        Polygons (GeoPackage, Shapefile, GeoJSON, FlatGeobuf, file geodatabase) or raster of thickness.
     thickness : str, optional
         Attribute of the polygons that holds it, or a number [m]. Default: the attribute whose name means thickness.
+    crs : str, optional
+        Coordinate reference system of an elevation raster that states none, such as ``EPSG:32632``.
+    layer : str, optional
+        Layer of the polygons; needed if the file has several.
 
     Raises
     ------
     InputError
-        If the folder is in use, or an input is missing or cannot be used.
+        If the folder is in use, or an input is missing, cannot be used or cannot be copied without a change.
     StorageError
         If the folder cannot be written; nothing is left behind then.
     """
     from runout.io.atomic import storage_error
+    from runout.io.part import part_folder
 
-    folder, release = Path(folder), _existing(Path(release), "release")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: is there already; choose another name or remove it")
-    text = commented_yaml(SiteSettings.model_validate(_first_settings(folder, dem, release, thickness)))
-    part = None
+    target, dem, release = Path(os.path.abspath(folder)), str(dem), str(release)
+    _require_inputs(dem, release)
+    _require_free(Path(folder), dem, release)
+    cell, mass = _cell_and_release(dem, release, thickness, crs, layer)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-        _fill(part, text, dem, release)
-        os.replace(part, folder)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with part_folder(target) as part:
+            (part / target.name / "inputs").mkdir(parents=True)
+            _fill(part / target.name, _first_settings(target.name, cell, dem, crs), mass)
+            _move(part / target.name, target)
     except OSError as error:
         raise storage_error(folder, error) from error
-    finally:
-        if part:
-            shutil.rmtree(part, ignore_errors=True)
-    return folder / FILE_NAME
+    return Path(folder) / FILE_NAME
 
 
 def commented_yaml(settings: SiteSettings) -> str:
@@ -79,24 +95,119 @@ def commented_yaml(settings: SiteSettings) -> str:
     return HEAD + "\n".join(_block(settings.model_dump(mode="json", exclude_none=True), SiteSettings, "")) + "\n"
 
 
-def _existing(path: Path, what: str) -> Path:
-    if path.is_file():
-        return path
+def _require_inputs(dem: str, release: str) -> None:
+    """Raise an error that lists all inputs that are missing."""
+    faults = [_missing(dem, "elevation")] if not dem.startswith(SAMPLES) else []
+    faults = [fault for fault in (*faults, _missing(release, "release")) if fault]
+    if faults:
+        raise InputError("\n".join(faults))
+
+
+def _missing(source: str, what: str) -> str:
+    """Message on an input that is no file of this machine; empty if it is one."""
+    path = Path(file_in(source))
+    if source.startswith("/vsi") or "://" in source:
+        return f"{source}: is no file on this machine; download or unpack it, and name the file"
+    if kind_of(path):
+        return f"{path}: is {kind_of(path)}, not a file; copy its content to a file and name that"
+    if exists(path) and not os.access(path, os.R_OK):
+        return f"{path}: cannot be read; check its permissions"
+    if exists(path):
+        return f"{path}: is a folder; name the {what} file in it" if path.is_dir() and not is_dataset(path) else ""
     near = nearest_file(path)
-    raise InputError(f"{path}: there is no such {what} file" + (f"; did you mean {near}?" if near else "; check its path"))
+    return f"{path}: there is no such {what} file" + (f"; did you mean {near}?" if near else "; check its path")
 
 
-def _first_settings(folder: Path, dem: Path | str, release: Path, thickness: str | None) -> dict[str, Any]:
-    """Initial settings: values from the inputs, and common values for the others."""
-    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "site"
-    is_sample = str(dem).startswith("matplotlib:")
-    cell = _cell_size(str(dem) if is_sample else _existing(Path(dem), "elevation"), release)
+def _require_free(folder: Path, *sources: str) -> None:
+    """Raise an error if a folder is in use."""
+    if not exists(folder) or (folder.is_dir() and not names_in(folder)):
+        return
+    within = [source for source in sources if Path(os.path.abspath(file_in(source))).is_relative_to(os.path.abspath(folder))]
+    first = f"; move {within[0]} elsewhere before, since it is copied from there" if within else ""
+    raise InputError(f"{folder}: is there already; choose another name or remove it{first}")
+
+
+def _cell_and_release(
+    dem: str, release: str, thickness: str | None, crs: str | None, layer: str | None
+) -> tuple[float, dict[str, Any]]:
+    """Grid spacing to start with, that of the elevations [m], and settings of the release. Both inputs are read."""
+    from runout.config.extent import extent_around
+    from runout.terrain.read import read_header, read_terrain
+
+    states_no_system = not read_header(dem, crs).crs
+    try:
+        terrain = read_terrain(dem, crs, extent_around(dem, Path(release), crs))
+        cell = checked("cell_size", _two_digits(min(terrain.cell_size)), place=dem, key="size of the cells", error=DemError)
+        return cell, _first_release(release, terrain, thickness, layer)
+    except InputError as error:
+        if states_no_system and "crs" in str(error):  # the message names the key of site.yaml
+            error.args = (f"{error}; `runout new --crs EPSG:CODE` states it",)
+        raise
+
+
+def _first_release(source: str, terrain: "Terrain", thickness: str | None, layer: str | None) -> dict[str, Any]:
+    """Settings of the release, with the source as it is stated."""
+    path = Path(source)
+    if source == file_in(source) and holds_geometries(path):
+        from runout.io.polygons import read_polygons
+
+        polygons = read_polygons(path, terrain, layer, key=LAYER_OPTION)
+        settings = {"polygons": source, "layer": layer, "thickness": thickness_of(path, polygons.attributes, thickness)}
+        return {key: value for key, value in settings.items() if value is not None}
+    _require_raster(source)
+    for option, value in {"--thickness": thickness, LAYER_OPTION: layer}.items():
+        if value is not None:
+            raise InputError(f"{source}: is a raster, which holds its own thickness and has no layers; leave {option} out")
+    return {"raster": source}
+
+
+def _require_raster(source: str) -> None:
+    """Raise an error if a release that is no vector file is no raster either."""
+    from runout.terrain.read import read_header
+
+    try:
+        read_header(source)
+    except DemError as cause:
+        kinds = (
+            "polygons (GeoPackage, Shapefile, GeoJSON, FlatGeobuf, file geodatabase), or a raster in the forms of the elevations"
+        )
+        raise InputError(f"{cause}; a release is {kinds}") from cause
+
+
+def _fill(folder: Path, settings: dict[str, Any], release: dict[str, Any]) -> None:
+    """Copy the inputs to ``inputs/`` and write a site.yaml that names the copies."""
+    from runout.io.input_copies import copy_raster, copy_vector
+
+    def copied(copy: Copy, source: str, stem: str) -> str:
+        name = copy(source, folder / "inputs", stem)
+        return with_file(name, f"inputs/{file_in(name)}")
+
+    layer = release.get("layer")
+    copies: dict[str, Copy] = {"polygons": partial(copy_vector, layer=layer), "raster": copy_raster}
+    if not settings["terrain"]["dem"].startswith(SAMPLES):
+        settings["terrain"]["dem"] = copied(copy_raster, settings["terrain"]["dem"], "dem")
+    for key in release.keys() & copies:
+        settings["release"] = [release | {key: copied(copies[key], release[key], "release")}]
+    (folder / FILE_NAME).write_text(commented_yaml(SiteSettings.model_validate(settings)), encoding="utf-8")
+
+
+def _move(made: Path, folder: Path) -> None:
+    """Move what was made to its folder. An empty folder stays the same folder, since a shell may stand in it."""
+    if not folder.is_dir():
+        os.replace(made, folder)
+        return
+    for name in names_in(made):
+        os.replace(made / name, folder / name)
+
+
+def _first_settings(name: str, cell: float, dem: str, crs: str | None) -> dict[str, Any]:
+    """Initial settings without the release: those of the inputs, and common values for the others."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-_") or "site"
     angle = {"distribution": "uniform", "low": 15.0, "high": 25.0}
     return {
-        "name": name,
-        "title": name,
-        "terrain": {"dem": str(dem) if is_sample else f"inputs/{_input_name(Path(dem), 'dem')}"},
-        "release": [_first_release(release, thickness)],
+        "name": plain,
+        "title": plain,
+        "terrain": {"dem": dem} if crs is None else {"dem": dem, "crs": crs},
         "material": {"density": 2000.0, "friction_angle_deg": 32.0},
         "basal_friction_angle_deg": 20.0,
         "simulation": {"cell_size": cell, "end_time": 120.0},
@@ -104,49 +215,10 @@ def _first_settings(folder: Path, dem: Path | str, release: Path, thickness: str
     }
 
 
-def _first_release(path: Path, thickness: str | None) -> dict[str, Any]:
-    kind = path.suffix.lower()
-    place = f"inputs/{_input_name(path, 'release')}"
-    if kind in RASTER_SUFFIXES:
-        if thickness is not None:
-            raise InputError(f"{path}: a raster holds its own thickness; leave --thickness out")
-        return {"raster": place}
-    if kind not in VECTOR_SUFFIXES:
-        known = " ".join((*VECTOR_SUFFIXES, *RASTER_SUFFIXES))
-        raise InputError(f"{path}: neither polygons nor a raster by its name; files of these kinds are read: {known}")
-    return {"polygons": place, "thickness": thickness_of(path, thickness)}
-
-
-def _cell_size(dem: Path | str, release: Path) -> float:
-    """Grid spacing to start with: the raster's cell, to two digits [m]."""
-    from runout.config.extent import extent_around
-    from runout.terrain.read import read_terrain
-
-    cell = min(read_terrain(dem, extent=extent_around(dem, release)).cell_size)
+def _two_digits(cell: float) -> float:
+    """A size with two digits."""
     step = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return round(round(cell / step) * step, 6)
-
-
-def _input_name(path: Path, stem: str) -> str:
-    return stem + path.suffix.lower()
-
-
-def _fill(folder: Path, text: str, dem: Path | str, release: Path) -> None:
-    (folder / "inputs").mkdir()
-    if not str(dem).startswith("matplotlib:"):
-        _copy(Path(dem), folder / "inputs", "dem")
-    _copy(release, folder / "inputs", "release")
-    (folder / FILE_NAME).write_text(text, encoding="utf-8")
-    folder.chmod(0o755)  # a temporary folder is readable by its owner only
-
-
-def _copy(path: Path, folder: Path, stem: str) -> None:
-    """Copy a file and what belongs to it (the parts of a shapefile, projection files) under a new stem."""
-    shutil.copyfile(path, folder / _input_name(path, stem))
-    for beside in path.parent.iterdir():
-        end = beside.name.removeprefix(path.stem).lower()
-        if beside.name.startswith(path.stem + ".") and end.endswith(SIDE_SUFFIXES) and beside.is_file() and beside != path:
-            shutil.copyfile(beside, folder / (stem + end))
 
 
 def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> Iterator[str]:

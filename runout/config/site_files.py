@@ -200,7 +200,6 @@ class SiteFiles:
 
 def _files(source: str | Path) -> list[Path]:
     """Files of an input with their side files and sources; sample rasters are files of matplotlib."""
-    if isinstance(source, str):
-        sample = sample_path(source)
-        return [sample] if sample else []
+    if str(source).startswith("matplotlib:"):
+        return [path for path in [sample_path(str(source))] if path]
     return files_of(source)

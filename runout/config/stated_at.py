@@ -1,5 +1,7 @@
 """Places of site.yaml in the messages of readers of its input files."""
 
+import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,7 +42,13 @@ def release_number(file: Path, name: str) -> int:
 
 def within_site(text: str, folder: Path) -> str:
     """A message whose paths in the folder of a site are relative to it, as site.yaml states them."""
-    return text.replace(f"{folder}/", "") if folder.name else text
+    text = without_folder(text, os.path.abspath(folder))
+    return without_folder(text, str(folder)) if folder.name not in ("", "..") else text
+
+
+def without_folder(text: str, folder: str, prefix: str = "") -> str:
+    """A message whose paths that begin with a folder lack it; ``prefix`` matches what goes with it. Parts of longer paths stay."""
+    return re.sub(rf"(?<![\w./~-]){re.escape(folder)}/{prefix}", "", text)
 
 
 def stated_place(file: Path, *place: str | int) -> str:

@@ -21,22 +21,23 @@ NAMES = (  # lower case, without accents and signs; includes those of AvaFrame a
 LONGEST = 10  # longest name of an attribute in a shapefile
 
 
-def thickness_of(path: Path, stated: str | None = None) -> float | str:
+def thickness_of(path: Path, table: Any, stated: str | None = None) -> float | str:
     """Thickness of release polygons for a new site.yaml: name of an attribute or a number [m]. The choice is logged.
 
     Parameters
     ----------
     path : Path
-        Vector file.
+        Vector file, for messages.
+    table : pandas.DataFrame
+        Attributes of its polygons, one row a polygon.
     stated : str, optional
         Attribute or number [m] that the user states; it overrides the search.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has no such attribute, or several that may be the thickness.
+        If there is no such attribute, or there are several that may be the thickness.
     """
-    table = _attributes(path)
     if stated is not None:
         return _stated(path, table, stated)
     named = [name for name in table.columns if _is_thickness(str(name))]
@@ -60,18 +61,6 @@ def thickness_of(path: Path, stated: str | None = None) -> float | str:
     values = table[found].astype(float)
     LOGGER.info("%s: thickness from the attribute %r, %g to %g m", path, found, values.min(), values.max())
     return found
-
-
-def _attributes(path: Path) -> Any:
-    """Attributes of the polygons as a table."""
-    from runout.io.opening import open_vector
-
-    file = open_vector(path, InputError)
-    layers = file.layers()
-    if not layers:
-        raise InputError(f"{path}: holds no layer with geometries; check it with `ogrinfo`")
-    frame, _ = file.read(layers[0])
-    return frame.drop(columns=frame.geometry.name)
 
 
 def _stated(path: Path, table: Any, stated: str) -> float | str:

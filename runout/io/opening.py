@@ -6,7 +6,6 @@ the formats are listed, and references of a file are checked first (:mod:`runout
 
 import importlib
 import os
-import re
 import sys
 import warnings
 from collections.abc import Iterator
@@ -21,13 +20,13 @@ from runout.io.boundary import require_regular
 from runout.io.georeference import require_own_grids
 from runout.io.hdf5 import require_own_storage
 from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
+from runout.io.source_kinds import FLATGEOBUF, GEODATABASE, PARTS, SHAPEFILE, SQLITE, is_json, with_file
 
 RASTER_DRIVERS = (
     *("GTiff", "AAIGrid", "GRASSASCIIGrid", "AIG", "EHdr", "ENVI", "HFA", "SRTMHGT", "DTED", "USGSDEM", "GSAG", "GSBG", "GS7BG"),
     *("SAGA", "RST", "BT", "JP2OpenJPEG", "GPKG", "XYZ"),
 )
 VECTOR_DRIVERS = ("ESRI Shapefile", "GPKG", "GeoJSON", "FlatGeobuf", "OpenFileGDB")
-PARTS = re.compile(r'^(NETCDF|GPKG|GTIFF_DIR):(?:\d+:)?"?(/?[^":]+)"?(?::[^:]*)?$')  # name of one raster among several in a file
 PART_DRIVERS = {"NETCDF": "netCDF", "GPKG": "GPKG", "GTIFF_DIR": "GTiff"}
 NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none", "GDAL_VRT_ENABLE_PYTHON": "NO", "OGR_SQLITE_ALLOW_EXTERNAL_ACCESS": "NO"}
@@ -68,7 +67,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
                 require_own_grids(dataset.crs.to_wkt() if dataset.crs else "", name, error)
                 _require_blocks(dataset, name, error)
                 yield dataset
-        except (RasterioError, CRSError, UnicodeDecodeError) as cause:
+        except (RasterioError, CRSError, UnicodeError) as cause:
             remedy = "check it with `gdalinfo`, or write it as GeoTIFF"
             raise error(f"{name}: cannot be read as a raster ({cause}); {remedy}") from cause
 
@@ -79,14 +78,14 @@ def _raster_target(name: str, error: type[InputError]) -> tuple[str, list[str]]:
     if part and not Path(name).exists():
         path = require_regular(Path(part.group(2)), error)
         require_own_storage(path, error)
-        return name.replace(part.group(2), str(path), 1), [PART_DRIVERS[part.group(1)]]
+        return with_file(name, path), [PART_DRIVERS[part.group(1)]]
     path = require_regular(Path(name), error)
     if path.is_dir():
         return str(path), ["AIG"]
     if is_vrt(path):
         require_vrt_inside(path, error)
         return str(path), ["VRT"]
-    if header(path).startswith(b"SQLite format 3"):
+    if header(path).startswith(SQLITE):
         require_geopackage_inside(path, error)
     return str(path), list(RASTER_DRIVERS)
 
@@ -210,18 +209,29 @@ def open_vector(path: Path, error: type[InputError]) -> VectorFile:
     """
     absolute = require_regular(path, error)
     if absolute.is_dir():
-        if not any(absolute.glob("*.gdbtable")):
+        if not any(absolute.glob(GEODATABASE)):
             raise error(f"{path}: is a folder; name the vector file in it")
-        return VectorFile(path, str(absolute), error)
+        return VectorFile(path, _uri(absolute, error), error)
     first = header(absolute)
-    if first.startswith(b"SQLite format 3\0"):
+    if first.startswith(SQLITE):
         require_geopackage_inside(absolute, error)
-    elif first.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
+    elif is_json(first):
         require_json_inside(absolute, error)
-    elif not first.startswith((b"fgb\3", b"\0\0\x27\x0a")):
+    elif not first.startswith((FLATGEOBUF, SHAPEFILE)):
         reason = "of an unknown format, or a table with no geometries"
         raise error(f"{path}: cannot be read as a vector file ({reason}); {_vector_remedy(path)}")
-    return VectorFile(path, str(absolute), error)
+    return VectorFile(path, _uri(absolute, error), error)
+
+
+def _uri(path: Path, error: type[InputError]) -> str:
+    """Name of a vector file that pyogrio, which reads names as addresses, opens as this file."""
+    _pyogrio()
+    from pyogrio.util import vsi_path
+
+    for name in (str(path), f"file://{path}"):  # an address may hold a semicolon
+        if vsi_path(name) == str(path):
+            return name
+    raise error(f"{path}: a vector file cannot be read under this name; rename it or its folder without !")
 
 
 def _vector_remedy(path: Path) -> str:

@@ -163,7 +163,9 @@ def _layer(path: Path, layers: list[str], layer: str | None, what: str, key: str
         raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} into it")
     if layer is None and len(layers) > 1:
         held = f"holds {len(layers)} layers ({', '.join(layers)})"
-        raise ReleaseError(f"{path}: {held}; name the one with the {what}, for example {key}: {layers[0]}")
+        raise ReleaseError(
+            f"{path}: {held}; name the one with the {what}, for example {key}{' ' if key.startswith('--') else ': '}{layers[0]}"
+        )
     if layer is not None and layer not in layers:
         near = difflib.get_close_matches(layer, layers, n=1, cutoff=0.4)
         asked = f"did you mean {near[0]!r}? " if near else ""

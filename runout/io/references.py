@@ -20,7 +20,7 @@ VRT_MARK = b"<VRTDataset"
 DEEPEST = 5  # nesting levels of VRTs
 MOST_SOURCES = 20_000
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-FOREIGN = (b"<GDAL", b"stac_extensions")  # marks of formats that read other files
+FOREIGN = re.compile(rb"<GDAL(?!Metadata>)|stac_extensions")  # of formats that read other files; a GeoTIFF has metadata of its own
 SYSTEM = re.compile(r"\s*(\w+\s*\[|[A-Za-z]+:\d+|\+proj=|\{|urn:ogc:|$)", re.ASCII)  # start of WKT, code, PROJ, JSON
 ADDRESS = re.compile(r"^(/vsi|<|\w{2,}:)|://", re.ASCII)
 SYSTEMS = ("SRS", "SourceSRS", "TargetSRS", "SourceCRS", "TargetCRS", "GCPList")
@@ -88,7 +88,7 @@ def _collect(path: Path, root: Path, error: type[InputError], found: dict[Path, 
 def _plain(first: bytes) -> bool:
     """Whether GDAL recognises a source by its magic number or as a plain text grid, and in no other way."""
     if first.startswith(TIFF) or first.startswith(b"EHFA_HEADER_TAG"):
-        return not any(mark in first for mark in FOREIGN)
+        return FOREIGN.search(first) is None
     return re.match(rb"\s*(ncols|nrows|xll|dsaa|north:)", first, re.IGNORECASE) is not None and not re.search(rb'[<{"]', first)
 
 
@@ -170,13 +170,19 @@ def require_json_inside(path: Path, error: type[InputError]) -> None:
 
 def require_geopackage_inside(path: Path, error: type[InputError]) -> None:
     """Raise an error if a GeoPackage holds views or virtual tables, which can execute what they name."""
+    real = path.resolve()
+    unwritten = real.with_name(real.name + "-wal")  # holds what is not yet in the file itself
+    immutable = "" if unwritten.is_file() and unwritten.stat().st_size else "&immutable=1"
     try:
-        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro{immutable}", uri=True)) as database:
             database.text_factory = lambda text: text.decode(errors="replace")
             entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
             layers = {str(row[0]).lower() for row in database.execute("SELECT table_name FROM gpkg_contents")}
     except (sqlite3.Error, UnicodeError) as cause:  # SQLite repeats damaged names in its messages
-        raise error(f"{path}: cannot be read as a GeoPackage ({cause}); export it again") from cause
+        remedy = (
+            "export it again" if immutable else "close it in other programs, or copy it and its -wal file to a folder of your own"
+        )
+        raise error(f"{path}: cannot be read as a GeoPackage ({cause}); {remedy}") from cause
     for kind, name, text in entries:
         if kind == "view" and str(name).lower() in layers:
             raise error(f"{path}: layer {name!r} is a view; write it as a table: `ogr2ogr polygons.gpkg {path} {name}`")

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.config.scaffold import RASTER_SUFFIXES
+from runout.io.source_kinds import file_in
 from runout.model.terrain import Terrain
-from runout.terrain.read import SURFACES
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -33,9 +32,13 @@ class Place:
 
 
 def is_raster(path: Path) -> bool:
-    """Whether a path names an elevation raster, by its suffix."""
-    known = (*RASTER_SUFFIXES, *SURFACES)  # reading says what a mesh needs
-    return str(path).startswith("matplotlib:") or (path.suffix.lower() in known and not path.is_dir())
+    """Whether a path names an elevation raster or a mesh, whose reading says what it needs, and not a site or its site.yaml."""
+    text = str(path)
+    if text.startswith("matplotlib:") or file_in(text) != text:
+        return True
+    if path.is_dir():
+        return (path / "hdr.adf").is_file()
+    return path.suffix.lower() not in ("", ".yaml", ".yml")
 
 
 def read_place(path: Path, out: Path | None) -> Place:

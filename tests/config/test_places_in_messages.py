@@ -1,11 +1,13 @@
 """Messages on keys in the wrong place, and on input files: each names line and key of site.yaml."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from refused_site import problems
 
+from runout.config.stated_at import within_site
 from runout.workflow.check import inspect
 
 OBSERVED = "ensemble:\n  members: 4"
@@ -85,3 +87,22 @@ def test_faults_of_elevations_zones_and_obstacles_name_their_lines(edited, site_
     said = inspect(folder).problems
     assert len(said) == 1
     assert said[0].startswith("site.yaml:4: terrain.dem: ")
+
+
+@pytest.mark.parametrize(
+    ("folder", "text", "expected"),
+    [
+        ("s", "s/inputs/dem.tif: no cell", "inputs/dem.tif: no cell"),
+        ("s", "inputs/dem.tif and inputs/s/a.tif stay", "inputs/dem.tif and inputs/s/a.tif stay"),
+        ("puts", "inputs/dem.tif, puts/inputs/dem.tif", "inputs/dem.tif, inputs/dem.tif"),
+        ("s", "../s/a.tif, ~s/a.tif, my-s/a.tif, HERE/others/s/a.tif", "../s/a.tif, ~s/a.tif, my-s/a.tif, HERE/others/s/a.tif"),
+        ("s", "HERE/s/inputs/dem.vrt: its source `s/x.tif`", "inputs/dem.vrt: its source `x.tif`"),
+        ("süd (1)", "süd (1)/inputs/dem.tif", "inputs/dem.tif"),
+        ("..", "../../a.tif: lies outside", "../../a.tif: lies outside"),
+        (".", "inputs/./a.tif, HERE/inputs/dem.tif", "inputs/./a.tif, inputs/dem.tif"),
+    ],
+)
+def test_a_message_loses_the_folder_of_the_site_and_no_part_of_another_path(folder, text, expected, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    here = str(tmp_path)
+    assert within_site(text.replace("HERE", here), Path(folder)) == expected.replace("HERE", here)

@@ -84,7 +84,22 @@ def geopackage(folder):
     return path, {"scar.gpkg-wal"}
 
 
-MAKERS = [tiff_with_world_file, tiff_with_mask, ascii_grid, envi, nested_virtual, shapefile, virtual_vector, geopackage]
+def binary_terrain(folder):
+    rasterio.shutil.copy(raster(folder / "source.tif", **PLACE), folder / "dem.bt", driver="BT")
+    return folder / "dem.bt", {"dem.prj", "dem.bt.aux.xml"} & set(os.listdir(folder))
+
+
+def linked_geopackage(folder):
+    (folder / "real").mkdir()
+    path, _ = geopackage(folder / "real")
+    (folder / "scar.gpkg").symlink_to(path)
+    return folder / "scar.gpkg", {"real/scar.gpkg-wal"}
+
+
+MAKERS = [
+    *(tiff_with_world_file, tiff_with_mask, ascii_grid, envi, nested_virtual, shapefile, virtual_vector, geopackage),
+    *(binary_terrain, linked_geopackage),
+]
 
 
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
@@ -127,6 +142,11 @@ def test_virtual_files_that_name_each_other_end(tmp_path):
     for own, other in (("a", "b"), ("b", "a")):
         (tmp_path / f"{own}.vrt").write_text(text.format(f'<SourceFilename relativetoVRT="1">{other}.vrt</SourceFilename>'))
     assert files_of(tmp_path / "a.vrt") == [tmp_path / "a.vrt", tmp_path / "b.vrt"]
+
+
+def test_one_raster_of_several_in_a_file_depends_on_that_file(tmp_path):
+    path = raster(tmp_path / "dem.tif", mask=True, **PLACE)
+    assert files_of(f"GTIFF_DIR:1:{path}") == [path, tmp_path / "dem.tif.msk"]
 
 
 def test_what_is_missing_or_no_raster_is_listed_alone(tmp_path):

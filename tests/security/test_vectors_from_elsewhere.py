@@ -1,6 +1,7 @@
 """A vector file from elsewhere reaches neither the network nor other files; every reader of the project uses the one way in."""
 
 import ast
+import contextlib
 import json
 import os
 import sqlite3
@@ -95,6 +96,26 @@ def test_a_plain_geopackage_is_read_and_one_with_a_view_for_a_layer_is_not(geopa
             "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) VALUES ('seen', 'features', 'seen', 32632)"
         )
     refused(geopackage, terrain, "layer 'seen' is a view; write it as a table")
+
+
+def test_a_view_that_is_only_in_the_journal_of_a_geopackage_is_refused(geopackage, terrain):
+    with contextlib.closing(sqlite3.connect(geopackage)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+        database.execute("CREATE VIEW seen AS SELECT * FROM release")
+        columns = "(table_name, data_type, identifier, srs_id)"
+        database.execute(f"INSERT INTO gpkg_contents {columns} VALUES ('seen', 'features', 'seen', 32632)")
+        database.commit()
+        refused(geopackage, terrain, "layer 'seen' is a view; write it as a table")
+
+
+def test_a_geopackage_whose_journal_cannot_be_read_is_refused(geopackage, terrain, monkeypatch):
+    def refusing(*_, **__):
+        raise sqlite3.OperationalError("unable to open database file")
+
+    geopackage.with_name("release.gpkg-wal").write_bytes(b"changes")
+    monkeypatch.setattr(sqlite3, "connect", refusing)  # as SQLite does in a folder that cannot be written
+    refused(geopackage, terrain, "unable to open database file.*; close it in other programs, or copy it and its -wal file")
 
 
 def test_a_geopackage_with_a_virtual_table_is_refused(geopackage, terrain):

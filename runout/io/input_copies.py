@@ -1,0 +1,222 @@
+"""Copies an input with all files that its content depends on. The copy is read and compared with the original.
+
+Files that share the name of the input are renamed with it. Where a name is part of the content (SRTM, parts of an ESRI grid), they
+keep their names in a folder of their own. A virtual raster becomes a GeoTIFF, so that the copy refers to no other file.
+"""
+
+import errno
+import filecmp
+import math
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import InputError
+from runout.io.opening import NETCDF, open_raster, open_vector
+from runout.io.references import header, is_vrt
+from runout.io.side_files import NOT_YET_WRITTEN_BACK, OVERVIEWS, files_of
+from runout.io.source_kinds import SQLITE, file_in, with_file
+from runout.io.window import LARGEST_WHOLE
+
+CELLS_AT_ONCE = 2**20  # cells of two rasters that are compared at once
+MOST_COMPARED = 2**24  # cells; of a larger raster evenly spaced rows are compared, since its files are compared as well
+SAME_CORNER = 1e-9  # difference of two corners in cells; a file format may round the last digits
+LOCKS = (*NOT_YET_WRITTEN_BACK, "-shm", ".lock")  # files of a program that has the input open
+GEOTIFF = {"driver": "GTiff", "tiled": True, "compress": "deflate", "bigtiff": "if_safer"}
+
+Plan = dict[Path, str]  # files and the names of their copies
+
+
+def copy_raster(source: str, folder: Path, stem: str) -> str:
+    """Name of the copy of a raster in a folder, relative to it.
+
+    Parameters
+    ----------
+    source : str
+        File, folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
+    folder : Path
+        Existing folder of the copy.
+    stem : str
+        Name of the copy without suffix.
+
+    Raises
+    ------
+    InputError
+        If the raster cannot be read, or its copy does not read as the original.
+    OSError
+        If the copy cannot be written.
+    """
+    path = Path(file_in(source))
+    if path.is_file() and is_vrt(path):
+        return _as_geotiff(source, folder, stem)
+    return _copied(source, folder, stem, raster_difference)
+
+
+def copy_vector(source: str, folder: Path, stem: str, layer: str | None = None) -> str:
+    """Name of the copy of a vector file or a file geodatabase in a folder; parameters and errors as of :func:`copy_raster`.
+
+    Of several layers ``layer`` is compared, by default all.
+    """
+    return _copied(source, folder, stem, partial(vector_difference, layer=layer))
+
+
+def raster_difference(one: str, other: str) -> str:
+    """In what two rasters differ: georeference, bands, mask or values; empty if they are equal."""
+    files = Path(file_in(one)), Path(file_in(other))
+    if files[0].is_file() and header(files[0]).startswith(NETCDF):  # its reader looks at no other file
+        return "" if filecmp.cmp(*files, shallow=False) else "content"
+    with open_raster(one, InputError) as first, open_raster(other, InputError) as second:
+        for name in ("shape", "dtypes", "crs", "scales", "offsets", "units"):
+            if getattr(first, name) != getattr(second, name):
+                return name
+        if _alpha(first) != _alpha(second):
+            return "transparency"
+        corners = [np.array([raster.xy(*cell, offset="ul") for cell in ((0, 0), first.shape)]) for raster in (first, second)]
+        if np.abs(corners[0] - corners[1]).max() > SAME_CORNER * max(map(abs, first.transform[:2])):
+            return "georeference"
+        return next((f"values of band {band}" for band in first.indexes if not _equal_band(first, second, band)), "")
+
+
+def vector_difference(one: str, other: str, layer: str | None = None) -> str:
+    """In what two vector files differ: layers, coordinate system, geometries or attributes; empty if they are equal."""
+    first, second = (open_vector(Path(name), InputError) for name in (one, other))
+    layers = first.layers(), second.layers()
+    if layers[0] != layers[1] and max(map(len, layers)) > 1:  # the only layer of a shapefile is named as the file
+        return "layers"
+    for names in zip(*layers, strict=True) if layer is None else [(layer, layer)]:
+        (a, _), (b, _) = first.read(names[0]), second.read(names[1])
+        if a.crs != b.crs:
+            return "coordinate system"
+        if list(a.geometry.to_wkb()) != list(b.geometry.to_wkb()):
+            return "geometries"
+        if not a.drop(columns=a.geometry.name).equals(b.drop(columns=b.geometry.name)):
+            return "attributes"
+    return ""
+
+
+def _copied(source: str, folder: Path, stem: str, difference: Callable[[str, str], str]) -> str:
+    """Name of the first copy that reads as the original."""
+    path, reason = Path(file_in(source)), ""
+    files = [p for p in files_of(source) if not p.name.endswith(LOCKS) and p.suffix.lower() != OVERVIEWS]
+    for plan in _plans(path, files, stem):
+        for file, name in plan.items():
+            _copy_file(file, folder / name)
+        first = Path(next(iter(plan.values())))
+        name = str(first.parent) if path.is_dir() else str(first)
+        reason = _reason(source, with_file(source, folder / name), difference)
+        if not reason:
+            return with_file(source, name)
+        for name in plan.values():
+            (folder / name).unlink()
+    raise InputError(
+        f"{source}: its copy has another content than the file ({reason or 'its files lie in several folders'}); close it in other "
+        "programs, or write it in one file (rasters: `gdal_translate`, to GeoTIFF; polygons: `ogr2ogr`, to GeoPackage)"
+    )
+
+
+def _reason(source: str, copy: str, difference: Callable[[str, str], str]) -> str:
+    """In what a copy differs from the original; empty if it is equal."""
+    try:
+        return difference(source, copy)
+    except InputError as error:
+        if file_in(copy) in str(error):
+            return "it cannot be read"
+        raise
+
+
+def _plans(path: Path, files: list[Path], stem: str) -> Iterator[Plan]:
+    """Names of the copies: all files renamed, then all in a folder with the names that they have."""
+    parent = path if path.is_dir() else path.parent
+    if any(Path(os.path.abspath(file)).parent != Path(os.path.abspath(parent)) for file in files):
+        return
+    begin = path.stem.lower()
+    if not path.is_dir() and all(file.name.lower().startswith(begin) for file in files):
+        renamed = {file: stem + file.name[len(begin) :].lower() for file in files}
+        if len(set(renamed.values())) == len(files):
+            yield renamed
+    inner = stem + path.suffix.lower() if path.is_dir() else stem
+    yield {file: f"{inner}/{file.name}" for file in files}
+
+
+def _copy_file(source: Path, target: Path) -> None:
+    """Copy a file. Of an SQLite file the state after its last transaction is copied, with what its journal holds."""
+    target.parent.mkdir(exist_ok=True)
+    try:
+        if header(source).startswith(SQLITE):
+            _copy_database(source, target)
+        else:
+            shutil.copyfile(source, target)
+            if not filecmp.cmp(source, target, shallow=False):
+                raise InputError(f"{source}: changed while it was copied; close it in other programs and try again")
+    except OSError as cause:
+        if cause.filename is not None and Path(cause.filename) == source:
+            raise InputError(f"{source}: cannot be read ({cause.strerror}); check its permissions") from cause
+        raise
+
+
+def _copy_database(source: Path, target: Path) -> None:
+    try:
+        with (
+            closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", uri=True)) as original,
+            closing(sqlite3.connect(target)) as copy,
+        ):
+            original.execute("BEGIN").execute("SELECT name FROM sqlite_master")  # refused if locked, where a backup waits for ever
+            original.backup(copy)
+            copy.execute("PRAGMA journal_mode = DELETE")  # the copy is one file
+    except sqlite3.Error as cause:
+        if cause.sqlite_errorcode == sqlite3.SQLITE_FULL:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target)) from cause
+        remedy = "save and close it in the program that has it open, or copy it with its -wal file to a folder that you can write"
+        raise InputError(f"{source}: cannot be copied ({cause}); {remedy}") from cause
+
+
+def _as_geotiff(source: str, folder: Path, stem: str) -> str:
+    """Name of a GeoTIFF with the cells of a virtual raster."""
+    import rasterio.shutil
+    from rasterio import Env
+    from rasterio.errors import RasterioError
+
+    target = folder / f"{stem}.tif"
+    with open_raster(source, InputError) as dataset:
+        rows, columns = dataset.shape
+        if rows * columns > LARGEST_WHOLE:
+            size = f"the VRT has {columns} x {rows} cells, more than are written as GeoTIFF for a site ({LARGEST_WHOLE:,})"
+            remedy = f"cut it: `gdal_translate -projwin WEST NORTH EAST SOUTH {source} cropped.tif`"
+            raise InputError(f"{source}: {size}; {remedy}")
+        needed = rows * columns * sum(np.dtype(kind).itemsize for kind in dataset.dtypes)
+        with Env(GDAL_TIFF_INTERNAL_MASK=True):
+            try:
+                rasterio.shutil.copy(dataset, target, **GEOTIFF)
+            except RasterioError as cause:
+                if shutil.disk_usage(folder).free < needed:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target)) from cause
+                raise InputError(f"{source}: the VRT cannot be written as GeoTIFF ({cause}); use `gdal_translate`") from cause
+    reason = raster_difference(source, str(target))
+    if reason:
+        raise InputError(f"{source}: the GeoTIFF of the VRT has other {reason}; use `gdal_translate` and name its outcome")
+    return target.name
+
+
+def _alpha(raster: Any) -> list[bool]:
+    """Which bands of an open raster are transparency."""
+    return [meaning.name == "alpha" for meaning in raster.colorinterp]
+
+
+def _equal_band(first: Any, second: Any, band: int) -> bool:
+    """Whether a band of two open rasters has the same mask, and the same values where it is valid."""
+    rows = max(1, CELLS_AT_ONCE // first.width)
+    step = rows * math.ceil(first.width * first.height / MOST_COMPARED)
+    for row in range(0, first.height, step):
+        window = (row, min(row + rows, first.height)), (0, first.width)
+        a, b = (dataset.read(band, window=window, masked=True) for dataset in (first, second))
+        masks = np.ma.getmaskarray(a), np.ma.getmaskarray(b)
+        if not (np.array_equal(*masks) and np.array_equal(a.data[~masks[0]], b.data[~masks[0]], equal_nan=True)):
+            return False
+    return True
