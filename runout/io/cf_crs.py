@@ -169,9 +169,9 @@ def _in_metres(attributes: Attributes, metres: float) -> Attributes:
     """Parameters with lengths in metres, and parallels of cones as pyproj takes them."""
     converted = attributes | {key: attributes[key] * metres for key in LENGTHS if isinstance(attributes.get(key), int | float)}
     kind, parallel = attributes["grid_mapping_name"], attributes.get("standard_parallel")
-    origin = attributes.get("latitude_of_projection_origin", parallel)
-    # one parallel is where the cone touches; pyproj would take the other of Albers to be the equator and the origin to lie on it
-    if kind in ONE_OR_TWO_PARALLELS and isinstance(parallel, int | float) and (kind.startswith("albers") or origin != parallel):
+    has_origin = kind.startswith("albers") or "latitude_of_projection_origin" in attributes
+    # one parallel is where the cone touches; pyproj would take the other of Albers to be the equator, and that of Lambert as origin
+    if kind in ONE_OR_TWO_PARALLELS and isinstance(parallel, int | float) and has_origin:
         converted["standard_parallel"] = [parallel, parallel]
     return converted
 

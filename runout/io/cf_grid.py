@@ -32,7 +32,7 @@ LENGTHS = METRES | {
     "centimeter": 0.01, "mm": 0.001, "millimetre": 0.001, "millimeter": 0.001, "us survey foot": 1200 / 3937,
 }  # fmt: skip
 FOOT = ("ft", "foot")  # of which kind is not said
-DEGREE = re.compile(r"(?P<unit>degrees?)[ ]?(?P<to>east|west|north|south|[ewns])")
+DEGREE = re.compile(r"degrees?(?: (?P<to>east|west|north|south|[ewns])|(?P<joined>east|west|north|south|[ewn]))")
 NUMBER = re.compile(r"(?P<number>[-+]?[\d.]+(?:e[-+]?\d+)?)[ ]?(?P<unit>\S.*)")
 
 
@@ -169,8 +169,8 @@ def _unit(stated: str) -> AxisUnit | None:
     plain = number["unit"] if number else word
     compass = DEGREE.fullmatch(plain)
     if compass:
-        sign = -1.0 if compass["to"][0] in "ws" else 1.0
-        return AxisUnit(word, sign * scale * ANGLES["degree"], True, COMPASS[compass["to"]])
+        to = compass["to"] or compass["joined"]
+        return AxisUnit(word, (-scale if to[0] in "ws" else scale) * ANGLES["degree"], True, COMPASS[to])
     one = plain.replace("feet", "foot")
     for spelling in (one, one.removesuffix("s"), one.replace(" ", "-")):
         for table, is_angle in ((ANGLES, True), (LENGTHS, False)):
@@ -224,12 +224,11 @@ def _edge_and_step(dataset: Any, coordinate: Any, text: str) -> tuple[float, flo
     if name not in dataset.variables or dataset.variables[name].shape != (c.size, 2):
         return start - step / 2, step, [*said, *([f"the bounds {name} of {coordinate.name} are not in the file"] if name else [])]
     bounds = np.sort(np.asarray(dataset.variables[name].values, dtype=np.float64), axis=1)[:, :: 1 if step > 0 else -1]
-    rim = np.append(bounds[:, 0], bounds[-1, 1])
-    width, edge = _even(rim, coarseness, f"bounds {name!r} of {coordinate.name!r}", text)
-    meet = np.abs(bounds[1:, 0] - bounds[:-1, 1]).max() <= max(UNEVEN * abs(step), coarseness)
-    if not meet or abs(width - step) > UNEVEN * abs(step):
+    tolerance = max(UNEVEN * abs(step), coarseness)
+    if np.abs(bounds[1:, 0] - bounds[:-1, 1]).max() > tolerance:
         raise DemError(f"{text}: the cells of {name!r}, bounds of {coordinate.name!r}, do not touch each other; correct them")
-    if abs(edge - (start - step / 2)) <= max(UNEVEN * abs(step), coarseness):
+    _, edge = _even(np.append(bounds[:, 0], bounds[-1, 1]), coarseness, f"bounds {name!r} of {coordinate.name!r}", text)
+    if abs(edge - (start - step / 2)) <= tolerance:
         return start - step / 2, step, said
     shift = (edge + step / 2 - start) / step
     return edge, step, [*said, f"{coordinate.name} lies {abs(shift):.3g} cells beside the centres of the cells; {name} counts"]
@@ -293,9 +292,19 @@ def _require_on_map(system: Any, transform: tuple[float, ...], shape: tuple[int,
         turn = 2 * math.pi / flat.axis_info[0].unit_conversion_factor
         if abs(y) > turn / 4 or abs(x) > turn * 1.5:
             raise DemError(f"{text}: its middle lies at {x:g}, {y:g}, which are no {flat.axis_info[0].unit_name}s; correct the units")
-    elif flat.is_projected and "grid_mapping_name" in stated.attributes and not np.isfinite(longitude_latitude(flat, x, y)).all():
+    elif flat.is_projected and "grid_mapping_name" in stated.attributes and not _is_on_earth(flat, x, y):
         shifts = {key: stated.attributes[key] for key in ("false_easting", "false_northing") if key in stated.attributes}
         raise DemError(
             f"{text}: its middle, {x:g} m east and {y:g} m north, lies outside of {flat.name}; CF states {shifts or 'lengths'} in the unit "
             "of the coordinates: correct them, or write the system as crs_wkt"
         )
+
+
+def _is_on_earth(system: Any, x: float, y: float) -> bool:
+    """Whether a position of a projected system is one on the Earth."""
+    from pyproj.exceptions import ProjError
+
+    try:
+        return bool(np.isfinite(longitude_latitude(system, x, y)).all())
+    except ProjError:  # it cannot be computed, such as UTM on a sphere
+        return False

@@ -63,6 +63,7 @@ def open_elevation(text: str) -> "Iterator[NetcdfElevation]":
     """
     path, group, name = _parts(text)
     with open_netcdf(path, DemError, group) as dataset, _with_ancestors(dataset, path, group) as whole:
+        _require_numbers(whole, text)
         variable = _named(whole, name, text) if name else _elevation_variable(dataset, path)
         yield NetcdfElevation(whole, variable, text, chosen=bool(name))
 
@@ -91,6 +92,15 @@ def _with_ancestors(dataset: Any, path: str, group: str | None) -> Iterator[Any]
             if name not in own and all(sizes.get(d, whole.sizes[d]) == whole.sizes[d] for d in variable.dims)
         }  # fmt: skip
         yield dataset.assign_coords(inherited)
+
+
+def _require_numbers(dataset: Any, text: str) -> None:
+    """DemError if an attribute by which numbers are unpacked is a text; xarray makes texts of the numbers then."""
+    for name, variable in dataset.variables.items():
+        for key in ("scale_factor", "add_offset", "missing_value"):
+            value = {**variable.attrs, **variable.encoding}.get(key)
+            if isinstance(value, str) and np.dtype(variable.encoding.get("dtype", variable.dtype)).kind in "iuf":
+                raise DemError(f"{text}: attribute {key} of {name!r} is {value!r}, not a number; correct it with `ncatted`")
 
 
 class NetcdfElevation:
