@@ -1,6 +1,6 @@
 """Coordinate system of a NetCDF variable: its grid mapping, in the words of CF, as WKT, or as a code.
 
-The CF Conventions (1.11, chapter 5.6 and appendix F) state the figure of the Earth and the parameters of the projection as attributes.
+The CF Conventions (1.11, chapter 5.6 and appendix F) state the figure of the Earth and the projection by numbers.
 """
 
 import math
@@ -259,6 +259,5 @@ def _require_equal(crs: Any, attributes: Attributes, held: Mapping[str, Any], so
         turn = 360.0 if "longitude" in key else math.inf
         apart = np.abs(one - other) if one.shape == other.shape else np.zeros(1)
         if (np.minimum(apart, np.abs(turn - apart)) > AGREE * np.maximum(np.abs(other).max(), 1.0)).any():
-            raise DemError(
-                f"{source} states {key} = {stated}, but its system {crs.name} has {value}; correct one of them, or remove the attribute"
-            )
+            reason = f"{source} states {key} = {stated}, but its system {crs.name} has {value}"
+            raise DemError(f"{reason}; correct one of them, or remove the attribute")

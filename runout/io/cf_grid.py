@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
-from runout.io.band import METRES
 from runout.io.cf_crs import CfSystem, system_of
 from runout.io.crs import horizontal, longitude_latitude, parse
 from runout.io.georeference import require_usable
@@ -27,11 +26,14 @@ ANGLES = {
     "gon": math.pi / 200, "arc minute": math.radians(1 / 60), "arcminute": math.radians(1 / 60), "arcmin": math.radians(1 / 60),
     "arc second": math.radians(1 / 3600), "arcsecond": math.radians(1 / 3600), "arcsec": math.radians(1 / 3600),
 }  # fmt: skip
-LENGTHS = METRES | {
-    "kilometer": 1000.0, "meter": 1.0, "metre": 1.0, "hm": 100.0, "hectometre": 100.0, "hectometer": 100.0, "decimeter": 0.1,
-    "centimeter": 0.01, "mm": 0.001, "millimetre": 0.001, "millimeter": 0.001, "us survey foot": 1200 / 3937,
+LENGTHS = {
+    "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1e3, "kilometre": 1e3, "kilometer": 1e3, "hm": 100.0, "hectometre": 100.0,
+    "hectometer": 100.0, "dm": 0.1, "decimetre": 0.1, "decimeter": 0.1, "cm": 0.01, "centimetre": 0.01, "centimeter": 0.01,
+    "mm": 1e-3, "millimetre": 1e-3, "millimeter": 1e-3, "ft": 0.3048, "foot": 0.3048, "international foot": 0.3048,
+    "us survey foot": 1200 / 3937, "survey foot": 1200 / 3937, "us foot": 1200 / 3937, "us ft": 1200 / 3937, "usft": 1200 / 3937,
+    "ftus": 1200 / 3937, "mile": 1609.344, "nautical mile": 1852.0, "yard": 0.9144,
 }  # fmt: skip
-FOOT = ("ft", "foot")  # of which kind is not said
+FOOT = ("ft", "foot", "feet")  # of which kind is not said
 DEGREE = re.compile(r"degrees?(?: (?P<to>east|west|north|south|[ewns])|(?P<joined>east|west|north|south|[ewn]))")
 NUMBER = re.compile(r"(?P<number>[-+]?[\d.]+(?:e[-+]?\d+)?)[ ]?(?P<unit>\S.*)")
 
@@ -100,7 +102,8 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     system, assumption = stated.crs, "; ".join(stated.sentences)
     if system is None and True in kinds:
         system, assumption = parse("EPSG:4326", text), "coordinates are degrees of an unnamed datum; taken as WGS 84"
-    edges, sentences = [], []
+    edges: list[tuple[float, float]] = []
+    sentences: list[str] = []
     for coordinate, unit in zip((x, y), units, strict=True):
         factor = _factor(coordinate, unit, system, text)
         if unit and factor not in (1.0, -1.0):
@@ -113,9 +116,9 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     transform = (dx, 0.0, west, 0.0, dy, north)
     require_usable(transform, text, DemError)
     shape = (y.size, x.size)
-    transform, said = _with_geo_transform(transform, shape, stated, _coarseness(x, y, units, system, text))
+    transform, differing = _with_geo_transform(transform, shape, stated, _coarseness(x, y, units, system, text))
     _require_on_map(system, transform, shape, stated, text)
-    return CfGrid(str(x.name), str(y.name), transform, system, assumption, (*sentences, *said))
+    return CfGrid(str(x.name), str(y.name), transform, system, assumption, (*sentences, *differing))
 
 
 def directions(variable: Any) -> dict[str, str]:
@@ -133,17 +136,25 @@ def is_position(variable: Any) -> bool:
 def _coordinate(variable: Any, direction: str, text: str) -> Any:
     name = directions(variable).get(direction)
     if name is None:
-        given = {str(d): _direction_clues(variable.coords[d]) for d in variable.dims if d in variable.coords}
-        conflicts = "".join(f"; {n!r} is told to run along both x and y ({c})" for n, c in given.items() if len(set(c.values())) > 1)
-        bent = [str(n) for n, c in variable.coords.items() if c.ndim == 2 and is_position(c)]
-        remedy = f"warp it by {' and '.join(bent)}: `gdalwarp -geoloc {text} elevation.tif`" if bent else "add coordinate variables x and y"
-        raise DemError(f"{text}: variable {variable.name!r} has no {direction} coordinate along {variable.dims}{conflicts}; {remedy}")
+        missing = f"variable {variable.name!r} has no {direction} coordinate along {variable.dims}"
+        raise DemError(f"{text}: {missing}; {_remedy_of_axes(variable, text)}")
     coordinate = variable.coords[name]
     values = np.asarray(coordinate.values)
     if not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all() or values.size < 2:
-        reason = "has one value; two or more are needed" if values.size < 2 else "does not hold finite numbers"
-        raise DemError(f"{text}: coordinate {name!r} {reason}; correct it")
+        raise DemError(f"{text}: coordinate {name!r} does not hold two or more finite numbers; correct it")
     return coordinate
+
+
+def _remedy_of_axes(variable: Any, text: str) -> str:
+    for dimension in (d for d in variable.dims if d in variable.coords):
+        clues = _direction_clues(variable.coords[dimension])
+        if len(set(clues.values())) > 1:
+            told = ", ".join(f"{key} {value}" for key, value in clues.items())
+            return f"{dimension!r} is told to run along both x and y ({told}); correct its attributes"
+    bent = [str(name) for name, c in variable.coords.items() if c.ndim == 2 and is_position(c)]
+    if bent:
+        return f"warp it by {' and '.join(bent)}: `gdalwarp -geoloc {text} elevation.tif`"
+    return "add coordinate variables x and y"
 
 
 def _direction(coordinate: Any) -> str | None:
@@ -172,9 +183,9 @@ def _unit(stated: str) -> AxisUnit | None:
         to = compass["to"] or compass["joined"]
         return AxisUnit(word, (-scale if to[0] in "ws" else scale) * ANGLES["degree"], True, COMPASS[to])
     one = plain.replace("feet", "foot")
-    for spelling in (one, one.removesuffix("s"), one.replace(" ", "-")):
+    for spelling in (one, one.removesuffix("s")):
         for table, is_angle in ((ANGLES, True), (LENGTHS, False)):
-            if spelling in table and spelling not in ("", "1", "unknown"):
+            if spelling in table:
                 return AxisUnit(word, scale * table[spelling], is_angle)
     return None
 
@@ -202,7 +213,7 @@ def _factor(coordinate: Any, unit: AxisUnit | None, system: Any, text: str) -> f
         reason = f"coordinate {coordinate.name!r} is in {unit.word!r}, but {flat.name} has {has}"
         raise DemError(f"{text}: {reason}; correct the units of the coordinates or the grid mapping")
     per_unit = 1.0 if flat is None else float(flat.axis_info[0].unit_conversion_factor)
-    if unit.word in FOOT or unit.word == "feet":
+    if unit.word in FOOT:
         return 1.0 if 0.3047 < per_unit < 0.3049 else unit.factor / per_unit
     factor = unit.factor / per_unit
     return float(np.sign(factor)) if math.isclose(abs(factor), 1.0, rel_tol=1e-12) else factor
@@ -216,7 +227,7 @@ def _edge_and_step(dataset: Any, coordinate: Any, text: str) -> tuple[float, flo
     said = []
     if coarseness > UNEVEN * abs(step):
         kind = coordinate.encoding.get("dtype", coordinate.dtype)
-        place = f"coordinate {coordinate.name} is stored as {kind}, which resolves {coarseness:g} there, cells are {abs(step):g} wide"
+        place = f"{coordinate.name} is stored as {kind}, which resolves {coarseness:g} there, cells are {abs(step):g} wide"
         if coarseness > abs(step) / 2:
             raise DemError(f"{text}: {place}; write it in double precision")
         said.append(place)
@@ -291,13 +302,14 @@ def _require_on_map(system: Any, transform: tuple[float, ...], shape: tuple[int,
     if flat.is_geographic:
         turn = 2 * math.pi / flat.axis_info[0].unit_conversion_factor
         if abs(y) > turn / 4 or abs(x) > turn * 1.5:
-            raise DemError(f"{text}: its middle lies at {x:g}, {y:g}, which are no {flat.axis_info[0].unit_name}s; correct the units")
+            unit = flat.axis_info[0].unit_name
+            raise DemError(
+                f"{text}: its middle lies at {x:g}, {y:g}, which is not on the globe in units of {unit}; correct the units"
+            )
     elif flat.is_projected and "grid_mapping_name" in stated.attributes and not _is_on_earth(flat, x, y):
         shifts = {key: stated.attributes[key] for key in ("false_easting", "false_northing") if key in stated.attributes}
-        raise DemError(
-            f"{text}: its middle, {x:g} m east and {y:g} m north, lies outside of {flat.name}; CF states {shifts or 'lengths'} in the unit "
-            "of the coordinates: correct them, or write the system as crs_wkt"
-        )
+        remedy = f"CF states {shifts or 'lengths'} in the unit of the coordinates: correct them, or write the system as crs_wkt"
+        raise DemError(f"{text}: its middle, {x:g} m east and {y:g} m north, lies outside of {flat.name}; {remedy}")
 
 
 def _is_on_earth(system: Any, x: float, y: float) -> bool:

@@ -38,6 +38,7 @@ def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
 def _middle(terrain: Terrain) -> "dict[str, xr.Variable]":
     """Longitude and latitude of the middle of the raster, which this grid mapping requires."""
     import xarray as xr
+
     west, south, east, north = terrain.extent
     place = longitude_latitude(horizontal_crs(str(terrain.crs)), 0.5 * (west + east), 0.5 * (south + north))
     return {

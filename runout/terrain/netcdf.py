@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
-from runout.io.band import METRES, word_of
 from runout.io.cf_grid import directions, grid_of, is_position
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.opening import PARTS, open_netcdf
@@ -30,42 +29,50 @@ DEPTHS = (  # standard names, positive downwards
     "sea_floor_depth_below_geopotential_datum",
 )
 NAMES = ("z", "height", "band1")  # besides those with a word of ELEVATION
-ELEVATION = frozenset("elevation elevations elev dem dtm dsm altitude topography topo orog orography terrain".split())
-DEPTH = frozenset("depth depths bathymetry bathy".split())
-OTHER = frozenset(  # words of quantities that are no elevation of the ground, unless a word of ELEVATION stands beside them
-    """
-    depth depths bathymetry bathy thickness vegetation canopy tree trees forest crown building buildings snow soil biomass geoid
-    undulation precipitation rain temperature pressure speed velocity density
-    """.split()
+ELEVATION = frozenset(
+    ["elevation", "elevations", "elev", "dem", "dtm", "dsm", "altitude", "topography", "topo", "orog", "orography", "terrain"]
+)
+DEPTH = frozenset(["depth", "depths", "bathymetry", "bathy"])
+OTHER = DEPTH | frozenset(  # words of quantities that are no elevation of the ground, unless a word of ELEVATION stands beside them
+    [
+        *("thickness", "vegetation", "canopy", "tree", "trees", "forest", "crown", "building", "buildings", "snow", "soil"),
+        *("biomass", "geoid", "undulation", "precipitation", "rain", "temperature", "pressure", "speed", "velocity", "density"),
+    ]
 )
 DERIVED = frozenset(  # words of what is derived from an elevation or describes it
-    """
-    slope slopes aspect gradient curvature roughness hillshade shade mask flag flags error errors uncertainty std stddev sigma rmse
-    variance quality count counts number source id tid index class classes area change difference diff dod steepness
-    """.split()
+    [
+        *("slope", "slopes", "aspect", "gradient", "curvature", "roughness", "hillshade", "shade", "steepness", "mask", "flag"),
+        *("flags", "error", "errors", "uncertainty", "std", "stddev", "sigma", "rmse", "variance", "quality", "count", "counts"),
+        *("number", "source", "id", "tid", "index", "class", "classes", "area", "change", "difference", "diff", "dod"),
+    ]
 )
+NO_LENGTH = re.compile(r"%|percent|deg.*|rad.*|grad|celsius|k|s|pa|kpa|kg\b.*|.*/.*|.* s(\^|\*\*)?-\d|m ?\W*[23]|m-\d.*")  # units
 MOST_LISTED = 12  # variables in a message
 
 
 @contextmanager
-def open_elevation(text: str) -> "Iterator[NetcdfElevation]":
-    """The open elevation of a NetCDF file, of any order of rows, columns and dimensions.
+def open_elevation(text: str, names: Sequence[str] = (), what: str = "elevation") -> "Iterator[NetcdfElevation]":
+    """The open elevation of a NetCDF file, or another quantity, of any order of rows, columns and dimensions.
 
     Parameters
     ----------
     text : str
         File, or GDAL's name of a variable in it: ``NETCDF:"dem.nc":bed``, ``NETCDF:"dem.nc":/group/bed``.
+    names : sequence of str, optional
+        Names and standard names that tell a quantity other than the elevation.
+    what : str, optional
+        Name of the quantity.
 
     Raises
     ------
     DemError
-        If the file cannot be read, several variables may be the elevation, or the place or the meaning of its numbers is not clear.
+        If the file cannot be read, several variables may be meant, or the place or the meaning of the numbers is not clear.
     """
     path, group, name = _parts(text)
     with open_netcdf(path, DemError, group) as dataset, _with_ancestors(dataset, path, group) as whole:
         _require_numbers(whole, text)
-        variable = _named(whole, name, text) if name else _elevation_variable(dataset, path)
-        yield NetcdfElevation(whole, variable, text, chosen=bool(name))
+        variable = _named(whole, name, text) if name else _only_variable(dataset, path, names, what)
+        yield NetcdfElevation(whole, variable, text, what, is_chosen=bool(name))
 
 
 def _parts(text: str) -> tuple[str, str | None, str | None]:
@@ -104,36 +111,33 @@ def _require_numbers(dataset: Any, text: str) -> None:
 
 
 class NetcdfElevation:
-    """A variable of an open xarray dataset as elevation."""
+    """A variable of an open xarray dataset as elevation, or as another quantity."""
 
-    def __init__(self, dataset: Any, variable: Any, text: str, *, chosen: bool):
-        self.sentences = list(_left_out(variable))
-        flat = _flat(variable)
+    def __init__(self, dataset: Any, variable: Any, text: str, what: str, *, is_chosen: bool):
+        self.what, self.sentences = what, list(_left_out(variable))
+        flat = variable.squeeze(drop=True)
         grid = grid_of(dataset, flat, text)
         self.variable = flat.transpose(grid.y, grid.x)
-        self.sign = -1.0 if _is_depth(flat, text) else 1.0
+        self.is_depth = what == "elevation" and _is_depth(flat, text)
         self.assumption = grid.assumption
         self.header = Header(grid.transform, self.variable.shape, grid.crs, text)
         self.sentences += grid.sentences
-        if not chosen and len(names := [str(v.name) for v in _surfaces(dataset)]) > 1:
-            self.sentences.append(f"variable {flat.name} is the elevation, of {', '.join(names)}")
+        names = [str(v.name) for v in _surfaces(dataset)]
+        if len(names) > 1 and not is_chosen:
+            self.sentences.append(f"{flat.name} is taken as the {what}, of the variables {', '.join(names)}")
 
     def read(self, extent: Bounds | None) -> ElevationRaster:
         """The cells of an extent."""
         header, variable = self.header, self.variable
         part = header.part(extent, DemError)
         unit = str(variable.attrs.get("units", "")) or None
-        values, said = _valid(np.array(variable[part.slices].values, dtype=np.float64), variable, header.source)
+        values, said = _valid(np.array(variable[part.slices].values, dtype=np.float64), variable, self.what, header.source)
         raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.said(part))
         for sentence in (*self.sentences, *said):
             raster = raster.noted(sentence)
-        if self.sign < 0:
+        if self.is_depth:
             raster = raster.changed("values count downwards; elevation = -1 x value", values=-raster.values)
         return replace(raster, assumption=self.assumption)
-
-
-def _flat(variable: Any) -> Any:
-    return variable.squeeze(drop=True)
 
 
 def _left_out(variable: Any) -> Iterator[str]:
@@ -180,15 +184,19 @@ def _surfaces(dataset: Any, dimensions: int = 2) -> list[Any]:
     ]  # fmt: skip
 
 
-def _elevation_variable(dataset: Any, text: str) -> Any:
-    """The only variable that can be the elevation.
+def _only_variable(dataset: Any, text: str, names: Sequence[str], what: str) -> Any:
+    """The only variable that can be the elevation, or another quantity.
 
     A standard name decides. Without one, a variable is taken if it is the only one, or if its name says elevation and the name, the
-    unit or the standard name of each other one says another quantity.
+    unit or the standard name of each other one says another quantity. Other quantities are told by the given names alone.
     """
     surfaces = _surfaces(dataset)
-    certain = [v for v in surfaces if _standard_name(v) in (*GROUND, *DEPTHS)]
-    possible = [v for v in surfaces if not _is_other(v)]
+    if what == "elevation":
+        certain = [v for v in surfaces if _standard_name(v) in (*GROUND, *DEPTHS)]
+        possible = [v for v in surfaces if not _is_other(v)]
+    else:
+        certain = [v for v in surfaces if {str(v.name).lower(), _standard_name(v)} & set(names)]
+        possible = surfaces
     if len(certain) == 1:
         return certain[0]
     if not certain and len(possible) == 1 and (len(surfaces) == 1 or _is_named_elevation(possible[0])):
@@ -196,10 +204,11 @@ def _elevation_variable(dataset: Any, text: str) -> Any:
     layered = [v for n in (3, 4) for v in _surfaces(dataset, n) if len(directions(v)) == 2 and not _is_other(v)]
     if not surfaces and len(layered) == 1:
         _require_two_dimensions(layered[0], text)
-    names = ", ".join(str(v.name) for v in surfaces) or "none"
+    held = ", ".join(str(v.name) for v in surfaces) or "none"
+    example = str(next(iter(certain or possible or surfaces)).name) if surfaces else "VARIABLE"
     raise DemError(
-        f"{text}: cannot tell which variable is the elevation (two-dimensional ones: {names}){_described(surfaces)}"
-        f"{_of_groups(text)}; {_remedy(text, certain or possible or surfaces)}"
+        f"{text}: cannot tell which variable is the {what} (two-dimensional ones: {held}){_described(surfaces)}"
+        f'{_of_groups(text)}; name the variable after the file, for example NETCDF:"{text}":{example}, in place of {text}'
     )
 
 
@@ -212,20 +221,21 @@ def _words(text: Any) -> set[str]:
 
 
 def _is_named_elevation(variable: Any) -> bool:
-    return str(variable.name).lower() in NAMES or bool(_words(variable.name) & ELEVATION)
+    words = _words(variable.name)
+    return str(variable.name).lower() in NAMES or (bool(words & ELEVATION) and not words & DERIVED)
 
 
 def _is_other(variable: Any) -> bool:
     """Whether the standard name, the unit or the words of a variable say that it is no elevation."""
-    standard_name, unit = _standard_name(variable), word_of(variable.attrs.get("units"))
+    standard_name, unit = _standard_name(variable), str(variable.attrs.get("units", "")).strip().lower()
     if standard_name:
         return standard_name not in (*GROUND, *DEPTHS)
-    if unit and (unit == "1" or re.match(r"^(%|percent|degrees?|radians?|pa|k|s|kg|deg|rad|grad)\b|.*(/|\b[a-z]+-\d)", unit)):
-        return unit not in METRES or unit == "1"
     name, long_name = _words(variable.name), _words(variable.attrs.get("long_name", ""))
-    if (name & DERIVED) or (name & OTHER and not name & ELEVATION):
+    if NO_LENGTH.fullmatch(unit) or name & DERIVED:
         return True
-    return bool(long_name & (OTHER | DERIVED)) and not (long_name | name) & ELEVATION
+    if name & ELEVATION:
+        return False
+    return unit == "1" or bool(name & OTHER) or (bool(long_name & (OTHER | DERIVED)) and not long_name & ELEVATION)
 
 
 def _described(variables: Sequence[Any]) -> str:
@@ -255,11 +265,6 @@ def _of_groups(text: str) -> str:
     return f"; groups hold {', '.join(names[:MOST_LISTED])}" if names else ""
 
 
-def _remedy(text: str, variables: Sequence[Any]) -> str:
-    name = str(variables[0].name) if variables else "VARIABLE"
-    return f'name the variable after the file, for example NETCDF:"{text}":{name}, in place of {text}'
-
-
 def _is_depth(variable: Any, text: str) -> bool:
     """Whether values count downwards; DemError if its attributes contradict each other or do not say it of a depth."""
     positive, standard_name = str(variable.attrs.get("positive", "")).strip().lower(), _standard_name(variable)
@@ -274,7 +279,7 @@ def _is_depth(variable: Any, text: str) -> bool:
     return positive == "down" or standard_name in DEPTHS
 
 
-def _valid(values: np.ndarray, variable: Any, text: str) -> tuple[np.ndarray, list[str]]:
+def _valid(values: np.ndarray, variable: Any, what: str, text: str) -> tuple[np.ndarray, list[str]]:
     """Values with NaN outside the valid range that the file states, and sentences on it and on the storage."""
     encoding, said = variable.encoding, []
     scale, offset = float(encoding.get("scale_factor", 1.0)), float(encoding.get("add_offset", 0.0))
@@ -282,8 +287,8 @@ def _valid(values: np.ndarray, variable: Any, text: str) -> tuple[np.ndarray, li
         raise DemError(f"{text}: variable {variable.name!r} has scale_factor {scale:g} and add_offset {offset:g}; correct them")
     stored = np.dtype(encoding.get("dtype", variable.dtype))
     if (scale, offset) != (1.0, 0.0):
-        said.append(f"the file stores packed numbers; elevation = {scale:g} x number + {offset:g}")
-    elif stored.kind in "iu":
+        said.append(f"the file stores packed numbers; {what} = {scale:g} x number + {offset:g}")
+    elif stored.kind in "iu" and what == "elevation":
         said.append(f"elevations are whole numbers ({stored}); slopes are stepped by one unit a cell")
     low, high = sorted(_limit(number, stored, scale, offset, encoding) for number in _stated_range(variable, text))
     half = abs(scale) / 2 if stored.kind in "iu" else 0.0

@@ -96,13 +96,10 @@ def in_metres(raster: ElevationRaster) -> ElevationRaster:
     if word not in METRES:
         known = "m, ft, us-ft, cm, dm or km"
         raise DemError(f"{raster.source}: elevations are in {unit!r}; {known} are understood, convert them with `gdal_calc.py`")
-    on_map = coordinate_systems.metres_per_unit(coordinate_systems.horizontal(raster.crs)) if _is_projected(raster) else 1.0
-    if unit is None and 0.3 < on_map < 0.31:  # US survey, international and older feet
+    if unit is None and raster.crs is not None and _is_in_feet(raster.crs):
         remedy = "state it, for example `gdal_edit.py -units ft` (or us-ft, or m)"
         reason = f"the map is in feet ({raster.crs.name}) and the unit of the elevations is not stated"
         raise DemError(f"{raster.source}: {reason}; {remedy}")
-    if unit is None and on_map != 1.0:
-        raster = raster.noted(f"the unit of the elevations is not stated; taken as metres, though 1 on the map is {on_map:.10g} m")
     if METRES[word] == 1.0:
         return raster
     return raster.changed(f"elevations were in {unit}; multiplied by {METRES[word]:.10g}", values=raster.values * METRES[word])
@@ -246,8 +243,9 @@ def _to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
     return to_utm(raster, reason)
 
 
-def _is_projected(raster: ElevationRaster) -> bool:
-    return raster.crs is not None and coordinate_systems.horizontal(raster.crs).is_projected
+def _is_in_feet(crs: object) -> bool:
+    system = coordinate_systems.horizontal(crs)
+    return system.is_projected and coordinate_systems.metres_per_unit(system) != 1.0
 
 
 def _require_not_degrees(raster: ElevationRaster) -> None:

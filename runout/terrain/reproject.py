@@ -33,7 +33,19 @@ def to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
     )
     if not coordinate_systems.names_datum(raster.crs):
         sentence += f"; {raster.crs.name} names no datum, so that places on the map may be off by some 100 m"
+    elif _is_ballpark(raster, target):
+        shift = f"PROJ knows no shift from its datum to {target.geodetic_crs.name} here"
+        sentence += f"; {shift}, so that places on the map may be off by some 100 m"
     return raster.changed(sentence, values=values, transform=transform, crs=target)
+
+
+def _is_ballpark(raster: ElevationRaster, target: object) -> bool:
+    """Whether the transformation leaves the shift between the datums out."""
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(raster.crs, target, always_xy=True)
+    transformer.transform(*raster.centre)
+    return "Ballpark" in transformer.get_last_used_operation().description
 
 
 def projected_cell(raster: ElevationRaster, target: object) -> tuple[float, float]:

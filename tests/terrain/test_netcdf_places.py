@@ -18,7 +18,7 @@ MAPPINGS = {
     "albers_conical_equal_area": CONES,
     "albers_conical_equal_area one parallel": CENTRAL | {"standard_parallel": 46.5},
     "azimuthal_equidistant": ORIGIN,
-    "geostationary": SATELLITE | {"longitude_of_projection_origin": 9.0, "latitude_of_projection_origin": 0.0, "sweep_angle_axis": "y"},
+    "geostationary": SATELLITE | ORIGIN | {"latitude_of_projection_origin": 0.0, "sweep_angle_axis": "y"},
     "geostationary fixed": SATELLITE | {"longitude_of_projection_origin": 9.0, "fixed_angle_axis": "y"},
     "lambert_azimuthal_equal_area": ORIGIN | {"false_easting": 4321000.0, "false_northing": 3210000.0},
     "lambert_conformal_conic": CONES,
@@ -174,6 +174,7 @@ KILOMETRES = pyproj.CRS("+proj=utm +zone=32 +datum=WGS84 +units=km")
 )
 def test_the_unit_of_the_axes_counts_whatever_that_of_the_system(tmp_path, system, mapping, unit, factor):
     mapping = {"crs_wkt": system.to_wkt()} if mapping == "wkt" else mapping
+
     def in_unit(numbers):
         return numbers * factor
 
@@ -195,8 +196,8 @@ def test_axes_of_a_local_grid_become_metres(tmp_path):
 @pytest.mark.parametrize(
     ("mapping", "x_attributes", "y_attributes", "message"),
     [
-        (UTM_OF_CF, {"units": "km"}, {"units": "km"}, r"lies outside of transverse mercator.*false_easting.*unit of the coordinates"),
-        ({"crs_wkt": UTM_32.to_wkt()}, {"units": "degrees"}, {"units": "degrees"}, "'x' is in 'degrees', but WGS 84 / UTM zone 32N"),
+        (UTM_OF_CF, {"units": "km"}, {"units": "km"}, r"outside of transverse mercator.*false_easting.*in the unit of the"),
+        ({"crs_wkt": UTM_32.to_wkt()}, {"units": "degrees"}, {"units": "degrees"}, "'x' is in 'degrees', but WGS 84 / UTM"),
         ({"crs_wkt": LATITUDE_LONGITUDE.to_wkt()}, {}, {}, "'x' is in 'm', but WGS 84 has coordinates in degree"),
         (UTM_OF_CF, {"units": "m"}, {"units": "degrees"}, "'x' is in 'm', 'y' in 'degrees'"),
         (UTM_OF_CF, {"units": "furlong"}, {}, "'x' is in 'furlong'; metres or degrees are needed"),
@@ -284,7 +285,7 @@ def test_coordinates_in_single_precision_are_even_to_their_rounding(tmp_path, sy
 def test_coordinates_that_do_not_resolve_a_cell_are_refused(tmp_path):
     x, y = 515000.0 + 0.5 * np.arange(COLUMNS), 5183000.0 + 0.5 * np.arange(ROWS)
     path = write(tmp_path / "dem.nc", np.ones((ROWS, COLUMNS)), x, y.astype(np.float32), UTM_OF_CF, *units(UTM_32))
-    with pytest.raises(DemError, match="y is stored as float32, which resolves 0.5 there, cells are 0.5 wide; write it in double"):
+    with pytest.raises(DemError, match=r"y is stored as float32, which resolves 0.5 there, cells are 0.5 wide; write it in double"):
         Terrain.from_raster(path)
 
 
@@ -340,8 +341,10 @@ def test_files_of_gmt_hold_the_centres_of_cells_in_either_registration(tmp_path,
 
 @pytest.mark.parametrize(
     "more",
-    [{"units": "degrees_east"}, {"units": "degree_E"}, {"units": "degreesE"}, {"standard_name": "longitude"}, {"axis": "X"}]
-    + [{"_CoordinateAxisType": "Lon"}],
+    [
+        *({"units": word} for word in ("degrees_east", "degree_E", "degreesE")),
+        *({key: word} for key, word in (("standard_name", "longitude"), ("axis", "X"), ("_CoordinateAxisType", "Lon"))),
+    ],
 )
 def test_an_axis_is_known_by_each_attribute_that_tells_it(tmp_path, more):
     x, y = axes(LATITUDE_LONGITUDE)
