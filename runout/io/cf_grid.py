@@ -85,7 +85,7 @@ class CfGrid:
 
 
 def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
-    """Place of the cells of a two-dimensional variable of an xarray dataset; ``text`` names the file in messages.
+    """Place of the cells of a two-dimensional variable (:func:`with_axes`) of an xarray dataset; ``text`` names the file in messages.
 
     Raises
     ------
@@ -128,9 +128,35 @@ def directions(variable: Any) -> dict[str, str]:
 
 
 def is_position(variable: Any) -> bool:
-    """Whether the values of a variable are positions by their standard name or unit, such as two-dimensional longitudes."""
-    unit = _unit(str(variable.attrs.get("units", "")))
-    return str(variable.attrs.get("standard_name", "")).lower() in DIRECTIONS or bool(unit and unit.direction)
+    """Whether the values of a variable are positions by its attributes or its name, such as two-dimensional longitudes."""
+    return _direction(variable) is not None
+
+
+def with_axes(dataset: Any, variable: Any) -> Any:
+    """A variable whose dimensions without coordinates have those that other variables state along them.
+
+    Such a coordinate has another name than its dimension. If it has two dimensions, it must change along one of them only.
+    """
+    positions = [dataset[n] for n, v in dataset.variables.items() if v.ndim in (1, 2) and set(v.dims) <= set(variable.dims)]
+    for position in sorted((p for p in positions if is_position(p)), key=lambda p: p.ndim):
+        for dimension in position.dims:
+            line = _along(position, dimension)
+            if line is not None and dimension in variable.dims and dimension not in variable.coords:
+                name = str(position.name)
+                coordinate = (name, line, position.attrs, position.encoding)
+                variable = variable.drop_vars(name, errors="ignore").rename({dimension: name}).assign_coords({name: coordinate})
+                break
+    return variable
+
+
+def _along(position: Any, dimension: Any) -> Any:
+    """Coordinates along a dimension of a variable, if they do not change along the other one; else None."""
+    values = np.asarray(position.values)
+    if not np.issubdtype(values.dtype, np.number) or values.shape[position.dims.index(dimension)] < 2:
+        return None
+    lines = np.moveaxis(values, position.dims.index(dimension), 0).reshape(position.sizes[dimension], -1)
+    step = abs(float(lines[1, 0]) - float(lines[0, 0]))
+    return lines[:, 0] if float(np.ptp(lines, axis=1).max()) <= max(UNEVEN * step, 2 * _resolution(position)) and step else None
 
 
 def _coordinate(variable: Any, direction: str, text: str) -> Any:

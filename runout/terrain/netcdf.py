@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
-from runout.io.cf_grid import directions, grid_of, is_position
+from runout.io.cf_grid import directions, grid_of, is_position, with_axes
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.opening import PARTS, open_netcdf
 from runout.io.window import LARGEST_WHOLE, Bounds
@@ -41,10 +41,12 @@ OTHER = DEPTH | frozenset(  # words of quantities that are no elevation of the g
 )
 DERIVED = frozenset(  # words of what is derived from an elevation or describes it
     [
-        *("slope", "slopes", "aspect", "gradient", "curvature", "roughness", "hillshade", "shade", "steepness", "mask", "flag"),
-        *("flags", "error", "errors", "uncertainty", "std", "stddev", "sigma", "rmse", "variance", "quality", "count", "counts"),
-        *("number", "source", "id", "tid", "index", "class", "classes", "area", "change", "difference", "diff", "dod"),
+        *("slope", "slopes", "aspect", "gradient", "curvature", "roughness", "hillshade", "shade", "steepness", "mask", "error"),
+        *("errors", "uncertainty", "std", "stddev", "deviation", "sigma", "rmse", "variance", "quality", "change", "dod"),
     ]
+)
+LABELS = frozenset(  # words of labels and counts, in names only: the long name of a band of GDAL is "GDAL Band Number 1"
+    ["flag", "flags", "count", "counts", "number", "source", "id", "tid", "index", "class", "classes", "area", "difference", "diff"]
 )
 NO_LENGTH = re.compile(r"%|percent|deg.*|rad.*|grad|celsius|k|s|pa|kpa|kg\b.*|.*/.*|.* s(\^|\*\*)?-\d|m ?\W*[23]|m-\d.*")  # units
 MOST_LISTED = 12  # variables in a message
@@ -115,7 +117,7 @@ class NetcdfElevation:
 
     def __init__(self, dataset: Any, variable: Any, text: str, what: str, *, is_chosen: bool):
         self.what, self.sentences = what, list(_left_out(variable))
-        flat = variable.squeeze(drop=True)
+        flat = with_axes(dataset, variable.squeeze(drop=True))
         grid = grid_of(dataset, flat, text)
         self.variable = flat.transpose(grid.y, grid.x)
         self.is_depth = what == "elevation" and _is_depth(flat, text)
@@ -124,7 +126,7 @@ class NetcdfElevation:
         self.sentences += grid.sentences
         names = [str(v.name) for v in _surfaces(dataset)]
         if len(names) > 1 and not is_chosen:
-            self.sentences.append(f"{flat.name} is taken as the {what}, of the variables {', '.join(names)}")
+            self.sentences.append(f"of the variables {', '.join(names)}, {flat.name} is taken as the {what}")
 
     def read(self, extent: Bounds | None) -> ElevationRaster:
         """The cells of an extent."""
@@ -193,7 +195,7 @@ def _only_variable(dataset: Any, text: str, names: Sequence[str], what: str) -> 
     surfaces = _surfaces(dataset)
     if what == "elevation":
         certain = [v for v in surfaces if _standard_name(v) in (*GROUND, *DEPTHS)]
-        possible = [v for v in surfaces if not _is_other(v)]
+        possible = [v for v in surfaces if not _is_other(v, is_alone=len(surfaces) == 1)]
     else:
         certain = [v for v in surfaces if {str(v.name).lower(), _standard_name(v)} & set(names)]
         possible = surfaces
@@ -201,7 +203,7 @@ def _only_variable(dataset: Any, text: str, names: Sequence[str], what: str) -> 
         return certain[0]
     if not certain and len(possible) == 1 and (len(surfaces) == 1 or _is_named_elevation(possible[0])):
         return possible[0]
-    layered = [v for n in (3, 4) for v in _surfaces(dataset, n) if len(directions(v)) == 2 and not _is_other(v)]
+    layered = [v for n in (3, 4) for v in _surfaces(dataset, n) if len(directions(with_axes(dataset, v))) == 2 and not _is_other(v)]
     if not surfaces and len(layered) == 1:
         _require_two_dimensions(layered[0], text)
     held = ", ".join(str(v.name) for v in surfaces) or "none"
@@ -222,20 +224,22 @@ def _words(text: Any) -> set[str]:
 
 def _is_named_elevation(variable: Any) -> bool:
     words = _words(variable.name)
-    return str(variable.name).lower() in NAMES or (bool(words & ELEVATION) and not words & DERIVED)
+    return str(variable.name).lower() in NAMES or (bool(words & ELEVATION) and not words & (DERIVED | LABELS))
 
 
-def _is_other(variable: Any) -> bool:
-    """Whether the standard name, the unit or the words of a variable say that it is no elevation."""
+def _is_other(variable: Any, *, is_alone: bool = False) -> bool:
+    """Whether the standard name, the unit or the words of a variable say that it is no elevation; "1" says it beside others only."""
     standard_name, unit = _standard_name(variable), str(variable.attrs.get("units", "")).strip().lower()
     if standard_name:
         return standard_name not in (*GROUND, *DEPTHS)
     name, long_name = _words(variable.name), _words(variable.attrs.get("long_name", ""))
-    if NO_LENGTH.fullmatch(unit) or name & DERIVED:
+    if NO_LENGTH.fullmatch(unit) or name & (DERIVED | LABELS):
         return True
     if name & ELEVATION:
         return False
-    return unit == "1" or bool(name & OTHER) or (bool(long_name & (OTHER | DERIVED)) and not long_name & ELEVATION)
+    return (
+        (unit == "1" and not is_alone) or bool(name & OTHER) or (bool(long_name & (OTHER | DERIVED)) and not long_name & ELEVATION)
+    )
 
 
 def _described(variables: Sequence[Any]) -> str:

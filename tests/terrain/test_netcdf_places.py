@@ -327,6 +327,14 @@ def test_a_geotransform_counts_where_it_agrees_with_the_coordinates(tmp_path, or
     assert any("GeoTransform differs from the coordinates by 100" in change for change in terrain.changes) != counts
 
 
+@pytest.mark.parametrize("stated", ["514000.0 20.0", "a b c d e f", ""])
+def test_a_geotransform_that_is_damaged_does_not_count(tmp_path, stated):
+    x, y = axes(UTM_32)
+    mapping = {"crs_wkt": UTM_32.to_wkt(), "GeoTransform": stated}
+    terrain = Terrain.from_raster(write(tmp_path / "dem.nc", np.ones((ROWS, COLUMNS)), x, y, mapping, *units(UTM_32)))
+    assert terrain.extent[0] == pytest.approx(x[0] - 10.0)
+
+
 @pytest.mark.parametrize("pixel", [0, 1])
 def test_files_of_gmt_hold_the_centres_of_cells_in_either_registration(tmp_path, pixel):
     x, y = axes(UTM_32)
@@ -367,14 +375,34 @@ def test_longitudes_to_the_west_are_turned(tmp_path):
     assert error(Terrain.from_raster(path)) < 0.03
 
 
-def test_two_dimensional_coordinates_alone_are_refused_with_the_command_that_warps_them(tmp_path):
-    longitude, latitude = np.meshgrid(*axes(LATITUDE_LONGITUDE))
-    with netCDF4.Dataset(tmp_path / "dem.nc", "w") as file:
+def with_own_dimensions(path, longitude, latitude, coordinates):
+    """File whose dimensions j and i have no coordinates; longitude and latitude have other names, and one or two dimensions."""
+    with netCDF4.Dataset(path, "w") as file:
         for name, length in (("j", ROWS), ("i", COLUMNS)):
             file.createDimension(name, length)
         for name, values, unit in (("lon", longitude, "degrees_east"), ("lat", latitude, "degrees_north")):
-            file.createVariable(name, "f8", ("j", "i"))[:] = values
+            dimensions = ("j", "i") if values.ndim == 2 else ("i" if name == "lon" else "j",)
+            file.createVariable(name, values.dtype, dimensions)[:] = values
             file[name].units = unit
-        file.createVariable("dem", "f8", ("j", "i")).coordinates = "lat lon"
-    with pytest.raises(DemError, match=r"'dem' has no x coordinate along .*; warp it by lon and lat: `gdalwarp -geoloc"):
-        Terrain.from_raster(tmp_path / "dem.nc")
+        file.createVariable("dem", "f8", ("j", "i"))[:] = elevations(LATITUDE_LONGITUDE, *axes(LATITUDE_LONGITUDE))
+        if coordinates:
+            file["dem"].coordinates = "lat lon"
+    return path
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+@pytest.mark.parametrize("kind", ["one dimension", "two dimensions", "two dimensions in single precision"])
+def test_coordinates_of_other_names_count_if_they_are_straight(tmp_path, kind, coordinates):
+    longitude, latitude = axes(LATITUDE_LONGITUDE)
+    if kind != "one dimension":
+        longitude, latitude = np.meshgrid(longitude, latitude)
+    dtype = np.float32 if "single" in kind else np.float64
+    path = with_own_dimensions(tmp_path / "dem.nc", longitude.astype(dtype), latitude.astype(dtype), coordinates)
+    assert error(Terrain.from_raster(path)) < (0.3 if "single" in kind else 0.03)
+
+
+def test_coordinates_that_bend_are_refused_with_the_command_that_warps_them(tmp_path):
+    longitude, latitude = np.meshgrid(*axes(LATITUDE_LONGITUDE))
+    path = with_own_dimensions(tmp_path / "dem.nc", longitude + 0.1 * (latitude - PLACE[1]), latitude, True)
+    with pytest.raises(DemError, match=r"'dem' has no x coordinate along .*; warp it by .*lon.*: `gdalwarp -geoloc"):
+        Terrain.from_raster(path)

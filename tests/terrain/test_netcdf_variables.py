@@ -1,11 +1,14 @@
 """Which variable of a NetCDF file is the elevation, and what its numbers mean."""
 
+from pathlib import Path
+
 import netCDF4
 import numpy as np
 import pytest
 
 from runout import Terrain
 from runout.errors import DemError
+from runout.terrain.netcdf import open_elevation
 
 X, Y = 515000.0 + 20.0 * np.arange(12), 5183000.0 - 20.0 * np.arange(10)
 Z = 1500.0 + 3.0 * np.arange(12) + 2.0 * np.arange(10)[:, None]
@@ -101,6 +104,16 @@ def test_an_elevation_is_taken_where_nothing_else_can_be_meant(file, read, groun
     for (name, more), values in rows if first else rows[::-1]:
         add(file, name, values, **{k: v for k, v in ({"units": "m"} | more).items() if v})
     np.testing.assert_array_equal(read().elevation, Z)
+
+
+@pytest.mark.parametrize("attributes", [{"long_name": "GDAL Band Number 1"}, {"units": "1"}, {"units": "m a.s.l."}])
+@pytest.mark.parametrize("name", ["Band1", "surface", "z", "dem"])
+def test_a_variable_that_is_alone_is_taken_whatever_its_name(file, name, attributes):
+    add(file, name, Z, **attributes)
+    path = Path(file.filepath())
+    file.close()
+    with open_elevation(str(path)) as source:
+        np.testing.assert_array_equal(source.read(None).values, Z)
 
 
 @pytest.mark.parametrize(
