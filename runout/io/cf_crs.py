@@ -74,6 +74,7 @@ def system_of(dataset: Any, variable: Any, axes: tuple[str, str], metres: float 
     if name is None:
         return CfSystem(None, {})
     attributes = {str(key): _plain(value) for key, value in dataset.variables[name].attrs.items()}
+    attributes |= {key: str(attributes[key]) for key in ("grid_mapping_name",) if key in attributes}
     source = f"{text}: grid mapping {name!r}"
     stated = next((attributes[key] for key in TEXTS if attributes.get(key) not in (None, "")), None)
     if stated is not None:

@@ -85,7 +85,7 @@ class CfGrid:
 
 
 def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
-    """Place of the cells of a two-dimensional variable (:func:`with_axes`) of an xarray dataset; ``text`` names the file in messages.
+    """Place of the cells of a two-dimensional variable (:func:`with_axes`); ``text`` names its file in messages.
 
     Raises
     ------
@@ -303,10 +303,10 @@ def _with_geo_transform(
     transform: tuple[float, ...], shape: tuple[int, int], stated: CfSystem, coarseness: float
 ) -> tuple[Any, tuple[str, ...]]:
     """The GeoTransform attribute where it agrees with the coordinates, since it carries no rounding; else a sentence."""
-    held = stated.attributes.get("GeoTransform")
+    held = stated.attributes.get("GeoTransform", "")
     try:
-        c, a, b, f, d, e = (float(n) for n in (held.split() if isinstance(held, str) else held or ()))
-    except ValueError:
+        c, a, b, f, d, e = (float(number) for number in (held.split() if isinstance(held, str) else held))
+    except (TypeError, ValueError):
         return transform, ()
     dx, _, _, _, dy, _ = transform
     c, a = (c, a) if a * dx > 0 else (c + a * shape[1], -a)

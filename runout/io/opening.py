@@ -173,11 +173,16 @@ def open_netcdf(name: Path | str, error: type[InputError], group: str | None = N
     if not first.startswith(NETCDF) and b"\x89HDF\r\n\x1a\n" not in first:
         raise error(f"{name}: cannot be read as NetCDF (it begins like another format); check it with `ncdump -h`, or rename it")
     require_own_storage(path, error)
+    remedy = "check it with `ncdump -h`"
     try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False, group=group) as dataset:
+        dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False, group=group)
+    except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as cause:  # of attributes of wrong types, too
+        raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
+    try:
+        with dataset:
             yield dataset
     except (OSError, ValueError, RuntimeError) as cause:
-        raise error(f"{name}: cannot be read as NetCDF ({cause}); check it with `ncdump -h`") from cause
+        raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
 
 
 @dataclass(frozen=True)

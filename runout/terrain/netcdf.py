@@ -228,18 +228,24 @@ def _is_named_elevation(variable: Any) -> bool:
 
 
 def _is_other(variable: Any, *, is_alone: bool = False) -> bool:
-    """Whether the standard name, the unit or the words of a variable say that it is no elevation; "1" says it beside others only."""
+    """Whether the standard name, the unit or the words of a variable say that it is no elevation; "1" only beside others."""
     standard_name, unit = _standard_name(variable), str(variable.attrs.get("units", "")).strip().lower()
     if standard_name:
         return standard_name not in (*GROUND, *DEPTHS)
     name, long_name = _words(variable.name), _words(variable.attrs.get("long_name", ""))
     if NO_LENGTH.fullmatch(unit) or name & (DERIVED | LABELS):
         return True
-    if name & ELEVATION:
+    if name & ELEVATION or (_is_depth_by_name(variable) and (is_alone or "positive" in variable.attrs)):
         return False
     return (
         (unit == "1" and not is_alone) or bool(name & OTHER) or (bool(long_name & (OTHER | DERIVED)) and not long_name & ELEVATION)
     )
+
+
+def _is_depth_by_name(variable: Any) -> bool:
+    """Whether a name says that it is a depth, and not of what but the ground."""
+    name = _words(variable.name)
+    return bool(name & DEPTH) and not name & (ELEVATION | OTHER - DEPTH)
 
 
 def _described(variables: Sequence[Any]) -> str:
@@ -277,7 +283,7 @@ def _is_depth(variable: Any, text: str) -> bool:
     if (standard_name in DEPTHS and positive == "up") or (standard_name in GROUND and positive == "down"):
         contradiction = f"variable {variable.name!r} is a {standard_name} with positive = {positive!r}"
         raise DemError(f"{text}: {contradiction}; correct one of them with `ncatted`")
-    if not positive and not standard_name and _words(variable.name) & DEPTH and not _words(variable.name) & ELEVATION:
+    if not positive and not standard_name and _is_depth_by_name(variable):
         remedy = f"state it, for example `ncatted -a positive,{variable.name},c,c,down {_parts(text)[0]}`"
         raise DemError(f"{text}: variable {variable.name!r} does not say whether it counts upwards or downwards; {remedy}")
     return positive == "down" or standard_name in DEPTHS

@@ -226,6 +226,8 @@ def test_a_value_at_the_limit_is_valid(file, read):
         ({"scale_factor": "a half"}, "scale_factor of 'elevation' is 'a half', not a number"),
         ({"missing_value": "none"}, "missing_value of 'elevation' is 'none', not a number"),
         ({"add_offset": "100"}, "add_offset of 'elevation' is '100', not a number"),
+        ({"scale_factor": np.array([1.0, 2.0])}, "cannot be read as NetCDF"),
+        ({"valid_range": np.array([np.nan, 1.0])}, "two numbers in order are needed"),
         ({"units": "furlong"}, "elevations are in 'furlong'"),
     ],
 )
@@ -235,11 +237,15 @@ def test_attributes_that_contradict_themselves_are_refused(file, read, attribute
         read()
 
 
-@pytest.mark.parametrize("name", ["depth", "bathymetry"])
-def test_a_depth_has_to_say_which_way_it_counts(file, read, name):
+@pytest.mark.parametrize("name", ["depth", "bathymetry", "lake_depth"])
+@pytest.mark.parametrize("chosen", [True, False])
+def test_a_depth_has_to_say_which_way_it_counts(file, read, tmp_path, name, chosen):
     add(file, name, -Z, units="m")
     with pytest.raises(DemError, match=rf"'{name}' does not say whether it counts upwards or downwards.*ncatted -a positive"):
-        read(name)
+        read(name if chosen else None)
+    with netCDF4.Dataset(tmp_path / "dem.nc", "a") as again:
+        again[name].positive = "down"
+    np.testing.assert_array_equal(read(name if chosen else None).elevation, Z)
 
 
 def test_a_time_of_one_is_left_out_with_a_word_and_more_are_refused(file, read, tmp_path):
