@@ -13,6 +13,7 @@ from runout.io.georeference import require_own_grids
 LARGEST_SCALE_ERROR = 0.02  # largest of national and continental systems; that of Web Mercator is 24 % at 36 degrees
 REMARKABLE_SCALE_ERROR = 0.005  # UTM has less than 0.001 in its zone
 NO_DATUM = ("unknown", "undefined", "not specified", "unspecified")  # names of PROJ, Esri and EPSG for an unknown datum
+LARGEST_SHIFT = 0.02  # between the longitudes and latitudes of one place in two datums [deg]
 WIDEST = 6.0  # width of a UTM zone [degrees of longitude]
 
 
@@ -44,7 +45,7 @@ def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
     stated = parse(crs, raster.source)
     if raster.crs is None:
         return raster.noted(f"the file states no coordinate system; {stated.name} as given", crs=stated)
-    if raster.assumption and horizontal(stated).is_geographic == horizontal(raster.crs).is_geographic:
+    if raster.assumption and _differs_in_datum_only(stated, raster):
         return raster.noted(f"the file names no datum; {stated.name} as given", crs=stated)
     if same(raster.crs, stated) and vertical_name(raster.crs) is None:
         return replace(raster, crs=stated)  # the stated system may add a vertical datum
@@ -52,6 +53,14 @@ def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
         remedy = "leave crs away, or write the right one into the file with `gdal_edit.py -a_srs`"
         raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {stated.name}; {remedy}")
     return raster
+
+
+def _differs_in_datum_only(stated: Any, raster: ElevationRaster) -> bool:
+    """Whether a system gives the middle of a raster the longitude and latitude of its own one, but for the shift of a datum."""
+    if is_local(stated) or horizontal(stated).is_geographic != horizontal(raster.crs).is_geographic:
+        return False
+    places = [longitude_latitude(horizontal(crs), *raster.centre) for crs in (stated, raster.crs)]
+    return bool(np.abs(np.subtract(*places)).max() < LARGEST_SHIFT)
 
 
 def same(one: Any, other: Any) -> bool:

@@ -272,6 +272,16 @@ def test_the_datum_of_unnamed_degrees_may_be_stated(tmp_path, stated):
         Terrain.from_raster(path, crs=UTM)
 
 
+def test_the_datum_of_a_projection_that_names_none_may_be_stated(tmp_path):
+    own = axes(UTM_32)
+    path = write(tmp_path / "dem.nc", elevations(UTM_32, *own), *own, UTM_OF_CF, *units(UTM_32))
+    terrain = Terrain.from_raster(path, crs="EPSG:25832")
+    assert pyproj.CRS(terrain.crs).to_epsg() == 25832
+    assert "the file names no datum; ETRS89 / UTM zone 32N as given" in terrain.changes
+    with pytest.raises(DemError, match="the file states transverse mercator of its grid mapping, crs says ETRS89 / UTM zone 33N"):
+        Terrain.from_raster(path, crs="EPSG:25833")
+
+
 @pytest.mark.parametrize("system", [UTM_32, LATITUDE_LONGITUDE], ids=["metres", "degrees"])
 def test_coordinates_in_single_precision_are_even_to_their_rounding(tmp_path, system):
     x, y = axes(system)
