@@ -102,10 +102,13 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     system, assumption = stated.crs, "; ".join(stated.sentences)
     if system is None and True in kinds:
         system, assumption = parse("EPSG:4326", text), "coordinates are degrees of an unnamed datum; taken as WGS 84"
+    factors = [_factor(coordinate, unit, system, text) for coordinate, unit in zip((x, y), units, strict=True)]
+    if not math.isclose(abs(factors[0]), abs(factors[1]), rel_tol=1e-9):
+        words = [repr(unit.word) if unit else "no unit" for unit in units]
+        raise DemError(f"{text}: {x.name!r} is in {words[0]}, {y.name!r} in {words[1]}; state both in one unit")
     edges: list[tuple[float, float]] = []
     sentences: list[str] = []
-    for coordinate, unit in zip((x, y), units, strict=True):
-        factor = _factor(coordinate, unit, system, text)
+    for coordinate, unit, factor in zip((x, y), units, factors, strict=True):
         if unit and factor not in (1.0, -1.0):
             to = "metres" if system is None else horizontal(system).axis_info[0].unit_name
             sentences.append(f"coordinate {coordinate.name} was in {unit.word}; multiplied by {factor:.10g} ({to})")
@@ -116,7 +119,8 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     transform = (dx, 0.0, west, 0.0, dy, north)
     require_usable(transform, text, DemError)
     shape = (y.size, x.size)
-    transform, differing = _with_geo_transform(transform, shape, stated, _coarseness(x, y, units, system, text))
+    coarseness = max(_resolution(x), _resolution(y)) * abs(factors[0])
+    transform, differing = _with_geo_transform(transform, shape, stated, coarseness)
     _require_on_map(system, transform, shape, stated, text)
     return CfGrid(str(x.name), str(y.name), transform, system, assumption, (*sentences, *differing))
 
@@ -293,10 +297,6 @@ def _resolution(coordinate: Any) -> float:
         return scale
     largest = np.abs(np.asarray(coordinate.values, dtype=np.float64)).max()
     return float(np.spacing(np.asarray(largest / scale if scale else largest, dtype=stored))) * (scale or 1.0)
-
-
-def _coarseness(x: Any, y: Any, units: list[AxisUnit | None], system: Any, text: str) -> float:
-    return max(_resolution(c) * abs(_factor(c, unit, system, text)) for c, unit in zip((x, y), units, strict=True))
 
 
 def _with_geo_transform(

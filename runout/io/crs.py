@@ -59,8 +59,8 @@ def _differs_in_datum_only(stated: Any, raster: ElevationRaster) -> bool:
     """Whether a system gives the middle of a raster the longitude and latitude of its own one, but for the shift of a datum."""
     if is_local(stated) or horizontal(stated).is_geographic != horizontal(raster.crs).is_geographic:
         return False
-    places = [longitude_latitude(horizontal(crs), *raster.centre) for crs in (stated, raster.crs)]
-    return bool(np.abs(np.subtract(*places)).max() < LARGEST_SHIFT)
+    one, other = (np.array(longitude_latitude(horizontal(crs), *raster.centre)) for crs in (stated, raster.crs))
+    return bool(np.abs(one - other).max() < LARGEST_SHIFT)
 
 
 def same(one: Any, other: Any) -> bool:

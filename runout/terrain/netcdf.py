@@ -204,7 +204,7 @@ def _only_variable(dataset: Any, text: str, names: Sequence[str], what: str) -> 
     if not certain and len(possible) == 1 and (len(surfaces) == 1 or _is_named_elevation(possible[0])):
         return possible[0]
     layered = [v for n in (3, 4) for v in _surfaces(dataset, n) if len(directions(with_axes(dataset, v))) == 2 and not _is_other(v)]
-    if not surfaces and len(layered) == 1:
+    if not possible and len(layered) == 1:
         _require_two_dimensions(layered[0], text)
     held = ", ".join(str(v.name) for v in surfaces) or "none"
     example = str(next(iter(certain or possible or surfaces)).name) if surfaces else "VARIABLE"

@@ -200,6 +200,7 @@ def test_axes_of_a_local_grid_become_metres(tmp_path):
         ({"crs_wkt": UTM_32.to_wkt()}, {"units": "degrees"}, {"units": "degrees"}, "'x' is in 'degrees', but WGS 84 / UTM"),
         ({"crs_wkt": LATITUDE_LONGITUDE.to_wkt()}, {}, {}, "'x' is in 'm', but WGS 84 has coordinates in degree"),
         (UTM_OF_CF, {"units": "m"}, {"units": "degrees"}, "'x' is in 'm', 'y' in 'degrees'"),
+        ({"crs_wkt": UTM_32.to_wkt()}, {"units": "km"}, {"units": "m"}, "'x' is in 'km', 'y' in 'm'; state both in one unit"),
         (UTM_OF_CF, {"units": "furlong"}, {}, "'x' is in 'furlong'; metres or degrees are needed"),
         (UTM_OF_CF, {"axis": "Y"}, {}, "'x' is told to run along both x and y"),
         ({"grid_mapping_name": "lambert"}, {}, {}, "'crs' is lambert, which is not understood .*crs_wkt"),
@@ -236,6 +237,13 @@ def test_the_system_may_be_a_text_or_a_code(tmp_path, attribute):
     terrain = read(tmp_path / "dem.nc", UTM_32, {attribute.split()[0]: texts.get(attribute, UTM_32.to_wkt())})
     assert pyproj.CRS(terrain.crs).to_epsg(min_confidence=60) == 32632
     assert error(terrain) < 1e-6
+
+
+@pytest.mark.parametrize("system", ["+proj=utm +zone=32", "+proj=longlat"])
+def test_a_shift_to_wgs_84_counts(tmp_path, system):
+    bound = pyproj.CRS(f"{system} +ellps=bessel +towgs84=577,90,463")
+    terrain = read(tmp_path / "dem.nc", bound, {"proj4": bound.to_proj4()})
+    assert error(terrain) < 0.03
 
 
 @pytest.mark.parametrize(
