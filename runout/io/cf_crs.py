@@ -143,6 +143,8 @@ def _of_parameters(attributes: Attributes, metres: float, source: str) -> tuple[
     for part in _horizontal_parts(document):
         if part.get("name") in UNKNOWN:
             part["name"] = f"{kind.replace('_', ' ')} of its grid mapping"
+    for part in document.get("components", ())[1:]:
+        part["name"] = part["datum"]["name"]
     crs = parse(document, source)
     _require_used(attributes, used.keys_read, source)
     _require_same_figure(crs, attributes, source)

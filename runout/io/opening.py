@@ -154,7 +154,10 @@ def is_netcdf(name: str) -> bool:
     path = Path(name)
     if PARTS.match(name) and not exists(path):
         return name.startswith("NETCDF:")
-    return name.lower().endswith(NETCDF_SUFFIXES) or (path.is_file() and header(path).startswith(NETCDF))
+    try:
+        return name.lower().endswith(NETCDF_SUFFIXES) or (path.is_file() and header(path).startswith(NETCDF))
+    except OSError:  # its reader says why it cannot be opened
+        return False
 
 
 @contextmanager

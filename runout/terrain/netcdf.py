@@ -16,7 +16,7 @@ from runout.errors import DemError
 from runout.io.cf_grid import directions, grid_of, is_position, with_axes
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.opening import PARTS, open_netcdf
-from runout.io.window import LARGEST_WHOLE, Bounds
+from runout.io.window import Bounds
 
 GROUND = (  # standard names
     *("surface_altitude", "altitude", "bedrock_altitude", "ground_level_altitude", "height_above_reference_ellipsoid"),
@@ -50,6 +50,7 @@ LABELS = frozenset(  # words of labels and counts, in names only: the long name 
 )
 NO_LENGTH = re.compile(r"%|percent|deg.*|rad.*|grad|celsius|k|s|pa|kpa|kg\b.*|.*/.*|.* s(\^|\*\*)?-\d|m ?\W*[23]|m-\d.*")  # units
 MOST_LISTED = 12  # variables in a message
+MOST_CELLS = 10_000_000  # of a variable whose range is stated in a message
 
 
 @contextmanager
@@ -254,7 +255,7 @@ def _described(variables: Sequence[Any]) -> str:
     for variable in variables[:MOST_LISTED]:
         title = variable.attrs.get("long_name") or variable.attrs.get("standard_name")
         unit = variable.attrs.get("units") or "without unit"
-        known = variable.values[np.isfinite(variable.values)] if variable.size <= LARGEST_WHOLE else np.empty(0)
+        known = variable.values[np.isfinite(variable.values)] if variable.size <= MOST_CELLS else np.empty(0)
         span = f", {known.min():.6g} to {known.max():.6g}" if known.size else ""
         lines.append(f"{variable.name} ({f'{title}, ' if title else ''}{unit}{span})")
     return "".join(f"; {line}" for line in lines)
@@ -294,7 +295,8 @@ def _valid(values: np.ndarray, variable: Any, what: str, text: str) -> tuple[np.
     encoding, said = variable.encoding, []
     scale, offset = float(encoding.get("scale_factor", 1.0)), float(encoding.get("add_offset", 0.0))
     if scale == 0.0 or not np.isfinite([scale, offset]).all():
-        raise DemError(f"{text}: variable {variable.name!r} has scale_factor {scale:g} and add_offset {offset:g}; correct them")
+        packing = f"the scale_factor {scale:g} and the add_offset {offset:g}"
+        raise DemError(f"{text}: variable {variable.name!r} has {packing}; write it anew with the right ones")
     stored = np.dtype(encoding.get("dtype", variable.dtype))
     if (scale, offset) != (1.0, 0.0):
         said.append(f"the file stores packed numbers; {what} = {scale:g} x number + {offset:g}")

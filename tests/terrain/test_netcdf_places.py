@@ -239,6 +239,12 @@ def test_the_system_may_be_a_text_or_a_code(tmp_path, attribute):
     assert error(terrain) < 1e-6
 
 
+def test_the_datum_of_heights_reaches_the_terrain(tmp_path):
+    terrain = read(tmp_path / "dem.nc", UTM_32, UTM_OF_CF | {"geopotential_datum_name": "NAVD88"})
+    assert terrain.vertical_datum == "North American Vertical Datum 1988"
+    assert error(terrain) < 1e-6
+
+
 @pytest.mark.parametrize("system", ["+proj=utm +zone=32", "+proj=longlat"])
 def test_a_shift_to_wgs_84_counts(tmp_path, system):
     bound = pyproj.CRS(f"{system} +ellps=bessel +towgs84=577,90,463")

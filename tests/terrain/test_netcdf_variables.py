@@ -222,7 +222,7 @@ def test_a_value_at_the_limit_is_valid(file, read):
         ({"valid_range": np.array([3.0, 1.0])}, "two numbers in order are needed"),
         ({"valid_range": 5.0}, "two numbers in order are needed"),
         ({"valid_max": "high"}, "two numbers in order are needed"),
-        ({"scale_factor": 0.0}, "has scale_factor 0"),
+        ({"scale_factor": 0.0}, "has the scale_factor 0"),
         ({"scale_factor": "a half"}, "scale_factor of 'elevation' is 'a half', not a number"),
         ({"missing_value": "none"}, "missing_value of 'elevation' is 'none', not a number"),
         ({"add_offset": "100"}, "add_offset of 'elevation' is '100', not a number"),
