@@ -33,7 +33,8 @@ LENGTHS = {
     "us survey foot": 1200 / 3937, "survey foot": 1200 / 3937, "us foot": 1200 / 3937, "us ft": 1200 / 3937, "usft": 1200 / 3937,
     "ftus": 1200 / 3937, "mile": 1609.344, "nautical mile": 1852.0, "yard": 0.9144,
 }  # fmt: skip
-FOOT = ("ft", "foot", "feet")  # of which kind is not said
+LOOSE = ("ft", "foot", "feet", "m", "metre", "meter", "metres", "meters")  # without the kind: US survey, German legal, ...
+LOOSELY = 3e-4  # largest relative difference of the kinds of a foot and of a metre
 DEGREE = re.compile(r"degrees?(?: (?P<to>east|west|north|south|[ewns])|(?P<joined>east|west|north|south|[ewn]))")
 NUMBER = re.compile(r"(?P<number>[-+]?[\d.]+(?:e[-+]?\d+)?)[ ]?(?P<unit>\S.*)")
 
@@ -95,15 +96,13 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     x, y = (_coordinate(variable, direction, text) for direction in ("x", "y"))
     units = [_unit_of(coordinate, text) for coordinate in (x, y)]
     kinds = {unit.is_angle for unit in units if unit}
-    if len(kinds) == 2:
-        raise DemError(f"{text}: {x.name!r} is in {units[0].word!r}, {y.name!r} in {units[1].word!r}; correct their units")  # type: ignore[union-attr]
     lengths = [unit.factor for unit in units if unit and not unit.is_angle]
     stated = system_of(dataset, variable, (str(x.name), str(y.name)), lengths[0] if lengths else None, text)
     system, assumption = stated.crs, "; ".join(stated.sentences)
     if system is None and True in kinds:
         system, assumption = parse("EPSG:4326", text), "coordinates are degrees of an unnamed datum; taken as WGS 84"
     factors = [_factor(coordinate, unit, system, text) for coordinate, unit in zip((x, y), units, strict=True)]
-    if not math.isclose(abs(factors[0]), abs(factors[1]), rel_tol=1e-9):
+    if len(kinds) == 2 or not math.isclose(abs(factors[0]), abs(factors[1]), rel_tol=1e-9):
         words = [repr(unit.word) if unit else "no unit" for unit in units]
         raise DemError(f"{text}: {x.name!r} is in {words[0]}, {y.name!r} in {words[1]}; state both in one unit")
     edges: list[tuple[float, float]] = []
@@ -243,9 +242,9 @@ def _factor(coordinate: Any, unit: AxisUnit | None, system: Any, text: str) -> f
         reason = f"coordinate {coordinate.name!r} is in {unit.word!r}, but {flat.name} has {has}"
         raise DemError(f"{text}: {reason}; correct the units of the coordinates or the grid mapping")
     per_unit = 1.0 if flat is None else float(flat.axis_info[0].unit_conversion_factor)
-    if unit.word in FOOT:
-        return 1.0 if 0.3047 < per_unit < 0.3049 else unit.factor / per_unit
     factor = unit.factor / per_unit
+    if unit.word in LOOSE and math.isclose(factor, 1.0, rel_tol=LOOSELY):
+        return 1.0
     return float(np.sign(factor)) if math.isclose(abs(factor), 1.0, rel_tol=1e-12) else factor
 
 

@@ -164,6 +164,7 @@ KILOMETRES = pyproj.CRS("+proj=utm +zone=32 +datum=WGS84 +units=km")
         (FEET, "wkt", "US_survey_foot", 1.0),
         (FEET, "wkt", "ft", 1.0),
         (FEET, "wkt", "m", 1200 / 3937),
+        (pyproj.CRS("+proj=tmerc +lon_0=9 +lat_0=46 +datum=WGS84 +to_meter=1.0000135965"), "wkt", "m", 1.0),
         (KILOMETRES, "wkt", "km", 1.0),
         (KILOMETRES, "wkt", "m", 1e3),
         (LATITUDE_LONGITUDE, "wkt", "radian", np.radians(1.0)),
@@ -184,6 +185,13 @@ def test_the_unit_of_the_axes_counts_whatever_that_of_the_system(tmp_path, syste
     assert error(terrain) < 0.03
 
 
+def test_axes_of_which_one_is_in_degrees_are_refused(tmp_path):
+    x, y = axes(UTM_32)
+    path = write(tmp_path / "dem.nc", np.ones((ROWS, COLUMNS)), x, y, None, {"units": "m"}, {"units": "degrees"})
+    with pytest.raises(DemError, match="'x' is in 'm', but WGS 84 has coordinates in degree"):
+        Terrain.from_raster(path)
+
+
 def test_axes_of_a_local_grid_become_metres(tmp_path):
     x, y = 0.01 * np.arange(COLUMNS), 0.01 * np.arange(ROWS)[::-1]
     stated = {"units": "km"}
@@ -199,7 +207,7 @@ def test_axes_of_a_local_grid_become_metres(tmp_path):
         (UTM_OF_CF, {"units": "km"}, {"units": "km"}, r"outside of transverse mercator.*false_easting.*in the unit of the"),
         ({"crs_wkt": UTM_32.to_wkt()}, {"units": "degrees"}, {"units": "degrees"}, "'x' is in 'degrees', but WGS 84 / UTM"),
         ({"crs_wkt": LATITUDE_LONGITUDE.to_wkt()}, {}, {}, "'x' is in 'm', but WGS 84 has coordinates in degree"),
-        (UTM_OF_CF, {"units": "m"}, {"units": "degrees"}, "'x' is in 'm', 'y' in 'degrees'"),
+        (UTM_OF_CF, {"units": "m"}, {"units": "degrees"}, "'y' is in 'degrees', but transverse mercator"),
         ({"crs_wkt": UTM_32.to_wkt()}, {"units": "km"}, {"units": "m"}, "'x' is in 'km', 'y' in 'm'; state both in one unit"),
         (UTM_OF_CF, {"units": "furlong"}, {}, "'x' is in 'furlong'; metres or degrees are needed"),
         (UTM_OF_CF, {"axis": "Y"}, {}, "'x' is told to run along both x and y"),
