@@ -4,6 +4,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from runout.errors import DemError
 from runout.io.elevation_raster import ElevationRaster
 from runout.io.georeference import require_own_grids
@@ -11,17 +13,19 @@ from runout.io.georeference import require_own_grids
 LARGEST_SCALE_ERROR = 0.02  # largest of national and continental systems; that of Web Mercator is 24 % at 36 degrees
 REMARKABLE_SCALE_ERROR = 0.005  # UTM has less than 0.001 in its zone
 NO_DATUM = ("unknown", "undefined", "not specified", "unspecified")  # names of PROJ, Esri and EPSG for an unknown datum
+LARGEST_SHIFT = 0.02  # between the longitudes and latitudes of one place in two datums [deg]
 WIDEST = 6.0  # width of a UTM zone [degrees of longitude]
 
 
 def parse(crs: Any, source: str) -> Any:
-    """pyproj CRS of a code, WKT, PROJ text or object; DemError if it is not known."""
+    """pyproj CRS of a code, WKT, PROJ text, PROJJSON or object; DemError if it is not known."""
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
     require_own_grids(str(crs), source, DemError)  # before PROJ opens any file
     try:
-        found = CRS.from_user_input(crs)
+        # systems that pyproj builds from parts, such as those of CRS.from_cf, have no horizontal part until they are plain ones
+        found = CRS.from_wkt(crs.to_wkt()) if isinstance(crs, CRS) and type(crs) is not CRS else CRS.from_user_input(crs)
         horizontal(found)  # some systems can be parsed but not inspected
     except (CRSError, TypeError, UnicodeError) as error:
         raise DemError(f"{source}: crs {crs!r} is not known ({error}); write for example EPSG:32632") from error
@@ -37,16 +41,26 @@ def of_raster(crs: Any, source: str) -> Any:
 def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
     """The raster with the stated system; DemError if the file states another one."""
     if crs is None:
-        return raster
+        return raster.noted(raster.assumption) if raster.assumption else raster
     stated = parse(crs, raster.source)
     if raster.crs is None:
         return raster.noted(f"the file states no coordinate system; {stated.name} as given", crs=stated)
+    if raster.assumption and _differs_in_datum_only(stated, raster):
+        return raster.noted(f"the file names no datum; {stated.name} as given", crs=stated)
     if same(raster.crs, stated) and vertical_name(raster.crs) is None:
         return replace(raster, crs=stated)  # the stated system may add a vertical datum
     if not same(raster.crs, stated):
         remedy = "leave crs away, or write the right one into the file with `gdal_edit.py -a_srs`"
         raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {stated.name}; {remedy}")
     return raster
+
+
+def _differs_in_datum_only(stated: Any, raster: ElevationRaster) -> bool:
+    """Whether a system gives the middle of a raster the longitude and latitude of its own one, but for the shift of a datum."""
+    if is_local(stated) or horizontal(stated).is_geographic != horizontal(raster.crs).is_geographic:
+        return False
+    one, other = (np.array(longitude_latitude(horizontal(crs), *raster.centre)) for crs in (stated, raster.crs))
+    return bool(np.abs(one - other).max() < LARGEST_SHIFT)
 
 
 def same(one: Any, other: Any) -> bool:
@@ -124,10 +138,27 @@ def require_east_and_north(crs: Any, source: str) -> None:
 
 
 def longitude_latitude(crs: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Longitude and latitude [deg] of map positions in the datum of the system."""
+    """Longitude from Greenwich and latitude [deg] of map positions in the datum of the system."""
+    longitude, latitude = _geodetic(crs, x, y)
+    return longitude + degrees_of_prime_meridian(crs), latitude
+
+
+def degrees_of_prime_meridian(crs: Any) -> float:
+    """Longitude of the prime meridian of a system from Greenwich [deg]."""
+    meridian = crs.geodetic_crs.prime_meridian if crs.geodetic_crs else None
+    return 0.0 if meridian is None else math.degrees(meridian.longitude * meridian.unit_conversion_factor)
+
+
+def _geodetic(crs: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """Longitude from the prime meridian of a system, and latitude [deg], of map positions in its datum."""
     from pyproj import Transformer
 
-    return Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(x, y)
+    geodetic = crs.geodetic_crs
+    while geodetic.is_derived:  # a rotated pole
+        geodetic = geodetic.source_crs
+    degrees = math.degrees(geodetic.axis_info[0].unit_conversion_factor)
+    longitude, latitude = Transformer.from_crs(crs, geodetic, always_xy=True).transform(x, y)
+    return np.multiply(longitude, degrees), np.multiply(latitude, degrees)
 
 
 def scale_error(crs: Any, x: float, y: float) -> float:
@@ -136,8 +167,7 @@ def scale_error(crs: Any, x: float, y: float) -> float:
     from pyproj.exceptions import ProjError
 
     try:
-        longitude, latitude = longitude_latitude(crs, x, y)
-        factors = Proj(crs).get_factors(longitude, latitude)
+        factors = Proj(crs).get_factors(*_geodetic(crs, x, y))  # it takes longitudes from the meridian of the system
     except ProjError as error:
         raise DemError(
             f"the coordinate system {crs.name} cannot be used in computations ({error}); write for example EPSG:32632"
@@ -164,6 +194,7 @@ def utm_for(crs: Any, longitude: float, latitude: float, source: str) -> Any:
     from pyproj.aoi import AreaOfInterest
     from pyproj.database import query_utm_crs_info
 
+    longitude = (longitude + 180.0) % 360.0 - 180.0
     if crs.geodetic_crs.name == "WGS 84" and (usual := _usual_zone(longitude, latitude)):
         return usual
     place = AreaOfInterest(longitude, latitude, longitude, latitude)

@@ -77,6 +77,8 @@ class ElevationRaster:
         For messages.
     changes : tuple of str
         Changes so far, one sentence each.
+    assumption : str
+        Sentence on a system that the file does not fully state; a system that the caller names replaces it. Empty if it states one.
     """
 
     values: np.ndarray
@@ -85,6 +87,7 @@ class ElevationRaster:
     unit: str | None
     source: str
     changes: tuple[str, ...] = ()
+    assumption: str = ""
 
     @property
     def cell(self) -> tuple[float, float]:

@@ -1,10 +1,12 @@
 """Coordinates and grid mapping of a raster for CF and GDAL."""
 
+import math
 import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.io.crs import longitude_latitude
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -36,12 +38,9 @@ def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
 def _middle(terrain: Terrain) -> "dict[str, xr.Variable]":
     """Longitude and latitude of the middle of the raster, which this grid mapping requires."""
     import xarray as xr
-    from pyproj import Transformer
 
     west, south, east, north = terrain.extent
-    system = horizontal_crs(str(terrain.crs))
-    transformer = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
-    place = transformer.transform(0.5 * (west + east), 0.5 * (south + north))
+    place = longitude_latitude(horizontal_crs(str(terrain.crs)), 0.5 * (west + east), 0.5 * (south + north))
     return {
         name: xr.Variable((), value, {"standard_name": name, "units": units, "long_name": f"{name} of the middle of the raster"})
         for name, value, units in zip(("longitude", "latitude"), place, ("degrees_east", "degrees_north"), strict=True)
@@ -68,9 +67,13 @@ def grid_mapping(crs: str) -> dict[str, Any]:
     horizontal = horizontal_crs(crs)
     with warnings.catch_warnings():  # CF has no parameter for the rotation of Swiss LV95; crs_wkt and spatial_ref keep it
         warnings.simplefilter("ignore", UserWarning)
-        attributes = horizontal.to_cf()
+        try:
+            attributes = _with_degrees(horizontal).to_cf()
+        except KeyError:  # pyproj does not write each projection that it reads, such as vertical_perspective
+            attributes = {}
     if "grid_mapping_name" not in attributes:
         attributes = _figure_of_the_earth(horizontal) | attributes | {"grid_mapping_name": UNNAMED}
+    attributes["crs_wkt"] = horizontal.to_wkt()
     if "azimuth_of_central_line" in attributes:
         attributes["azimuth"] = attributes["azimuth_of_central_line"]
     try:
@@ -80,9 +83,30 @@ def grid_mapping(crs: str) -> dict[str, Any]:
     return attributes | {"long_name": f"coordinate reference system: {horizontal.name}"}
 
 
+def _with_degrees(system: "pyproj.CRS") -> "pyproj.CRS":
+    """The system with its angles in degrees, the unit of CF; pyproj writes the numbers as they are."""
+    from pyproj import CRS
+
+    document = system.to_json_dict()
+    converted = _in_degrees(document)
+    return system if converted == document else CRS.from_json_dict(converted)
+
+
+def _in_degrees(part: Any) -> Any:
+    """Part of a PROJJSON document with angles in degrees."""
+    if isinstance(part, list):
+        return [_in_degrees(one) for one in part]
+    if not isinstance(part, dict):
+        return part
+    unit = part.get("unit")
+    if "value" in part and isinstance(unit, dict) and unit.get("type") == "AngularUnit":
+        return part | {"value": math.degrees(part["value"] * unit["conversion_factor"]), "unit": "degree"}
+    return {key: _in_degrees(value) for key, value in part.items()}
+
+
 def _figure_of_the_earth(horizontal: "pyproj.CRS") -> dict[str, Any]:
     """CF parameters of the datum for projections that CF does not define, such as Krovak or double stereographic."""
-    named = {k: v for k, v in horizontal.geodetic_crs.to_cf().items() if k != "crs_wkt"} if horizontal.geodetic_crs else {}
+    named = _with_degrees(horizontal.geodetic_crs).to_cf() if horizontal.geodetic_crs else {}
     return named | {"comment": "CF has no name for this projection: crs_wkt holds it, the parameters tell the figure of the Earth"}
 
 

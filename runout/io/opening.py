@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import InputError
-from runout.io.boundary import require_regular
+from runout.io.boundary import exists, require_regular
 from runout.io.georeference import require_own_grids
 from runout.io.hdf5 import require_own_storage
 from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
@@ -28,6 +28,7 @@ RASTER_DRIVERS = (
 )
 VECTOR_DRIVERS = ("ESRI Shapefile", "GPKG", "GeoJSON", "FlatGeobuf", "OpenFileGDB")
 PART_DRIVERS = {"NETCDF": "netCDF", "GPKG": "GPKG", "GTIFF_DIR": "GTiff"}
+NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")
 NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none", "GDAL_VRT_ENABLE_PYTHON": "NO", "OGR_SQLITE_ALLOW_EXTERNAL_ACCESS": "NO"}
 # formats that reach services or run programs; GDAL is loaded without them
@@ -61,7 +62,9 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
     with rasterio.Env(**NO_NETWORK, GTIFF_REPORT_COMPD_CS=True), warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
-            with DatasetReader(target, driver=drivers) as dataset:
+            with _proj_database():
+                opened = DatasetReader(target, driver=drivers)
+            with opened as dataset:
                 _require_own_overviews(dataset, name, error)
                 _require_real(dataset, name, error)
                 require_own_grids(dataset.crs.to_wkt() if dataset.crs else "", name, error)
@@ -70,6 +73,22 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
         except (RasterioError, CRSError, UnicodeError) as cause:
             remedy = "check it with `gdalinfo`, or write it as GeoTIFF"
             raise error(f"{name}: cannot be read as a raster ({cause}); {remedy}") from cause
+
+
+@contextmanager
+def _proj_database() -> Iterator[None]:
+    """Context in which libgeotiff finds the units of PROJ: rasterio tells its database to GDAL only, and libgeotiff complains."""
+    import rasterio
+
+    folder = Path(rasterio.__file__).with_name("proj_data")
+    if "PROJ_DATA" in os.environ or "PROJ_LIB" in os.environ or not folder.is_dir():
+        yield
+        return
+    os.environ["PROJ_DATA"] = str(folder)
+    try:
+        yield
+    finally:
+        os.environ.pop("PROJ_DATA", None)
 
 
 def _raster_target(name: str, error: type[InputError]) -> tuple[str, list[str]]:
@@ -129,9 +148,20 @@ def _free_memory() -> float:
     return float(psutil.virtual_memory().available)
 
 
+def is_netcdf(name: str) -> bool:
+    """Whether a name is that of a NetCDF file, by its suffix or its first bytes, or GDAL's name of a variable in one."""
+    path = Path(name)
+    if PARTS.match(name) and not exists(path):
+        return name.startswith("NETCDF:")
+    try:
+        return name.lower().endswith(NETCDF_SUFFIXES) or (path.is_file() and header(path).startswith(NETCDF))
+    except OSError:  # its reader says why it cannot be opened
+        return False
+
+
 @contextmanager
-def open_netcdf(name: Path | str, error: type[InputError]) -> Iterator[Any]:
-    """Open xarray dataset of a local NetCDF file; times are not decoded.
+def open_netcdf(name: Path | str, error: type[InputError], group: str | None = None) -> Iterator[Any]:
+    """Open xarray dataset of a local NetCDF file or of a group of it; times are not decoded.
 
     Raises
     ------
@@ -145,11 +175,16 @@ def open_netcdf(name: Path | str, error: type[InputError]) -> Iterator[Any]:
     if not first.startswith(NETCDF) and b"\x89HDF\r\n\x1a\n" not in first:
         raise error(f"{name}: cannot be read as NetCDF (it begins like another format); check it with `ncdump -h`, or rename it")
     require_own_storage(path, error)
+    remedy = "check it with `ncdump -h`"
     try:
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
+        dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False, group=group)
+    except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as cause:  # of attributes of wrong types, too
+        raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
+    try:
+        with dataset:
             yield dataset
     except (OSError, ValueError, RuntimeError) as cause:
-        raise error(f"{name}: cannot be read as NetCDF ({cause}); check it with `ncdump -h`") from cause
+        raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
 
 
 @dataclass(frozen=True)

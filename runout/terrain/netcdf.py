@@ -1,139 +1,337 @@
-"""Reading elevation from NetCDF with xarray.
+"""Elevation of a NetCDF file: which variable it is, and what its numbers mean by the CF Conventions.
 
 GDAL drops the coordinates of a variable that names no grid mapping, and then places the raster at the origin; the coordinate
 variables themselves say more.
 """
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from runout.errors import DemError
-from runout.io.crs import parse
+from runout.io.cf_grid import directions, grid_of, is_position, with_axes
 from runout.io.elevation_raster import ElevationRaster, Header
-from runout.io.georeference import require_usable
-from runout.io.opening import open_netcdf
+from runout.io.opening import PARTS, open_netcdf
 from runout.io.window import Bounds
 
-ELEVATION_NAMES = ("elevation", "surface_altitude", "dem", "z", "altitude", "height", "topography", "orog", "band1")
-AXES = {
-    "x": ("x", "lon", "longitude", "easting", "projection_x_coordinate"),
-    "y": ("y", "lat", "latitude", "northing", "projection_y_coordinate"),
-}
-UNEVEN = 1e-3  # of a cell; single-precision coordinates stay below it
+GROUND = (  # standard names
+    *("surface_altitude", "altitude", "bedrock_altitude", "ground_level_altitude", "height_above_reference_ellipsoid"),
+    *("height_above_mean_sea_level", "height_above_geopotential_datum", "surface_height_above_geopotential_datum"),
+    *("height_above_geoid", "surface_height_above_reference_ellipsoid"),
+)
+DEPTHS = (  # standard names, positive downwards
+    *("depth", "depth_below_geoid", "sea_floor_depth", "sea_floor_depth_below_geoid", "sea_floor_depth_below_mean_sea_level"),
+    *("sea_floor_depth_below_sea_surface", "sea_floor_depth_below_reference_ellipsoid"),
+    "sea_floor_depth_below_geopotential_datum",
+)
+NAMES = ("z", "height", "band1")  # besides those with a word of ELEVATION
+ELEVATION = frozenset(
+    ["elevation", "elevations", "elev", "dem", "dtm", "dsm", "altitude", "topography", "topo", "orog", "orography", "terrain"]
+)
+DEPTH = frozenset(["depth", "depths", "bathymetry", "bathy"])
+OTHER = DEPTH | frozenset(  # words of quantities that are no elevation of the ground, unless a word of ELEVATION stands beside them
+    [
+        *("thickness", "vegetation", "canopy", "tree", "trees", "forest", "crown", "building", "buildings", "snow", "soil"),
+        *("biomass", "geoid", "undulation", "precipitation", "rain", "temperature", "pressure", "speed", "velocity", "density"),
+    ]
+)
+DERIVED = frozenset(  # words of what is derived from an elevation or describes it
+    [
+        *("slope", "slopes", "aspect", "gradient", "curvature", "roughness", "hillshade", "shade", "steepness", "mask", "error"),
+        *("errors", "uncertainty", "std", "stddev", "deviation", "sigma", "rmse", "variance", "quality", "change", "dod"),
+    ]
+)
+LABELS = frozenset(  # words of labels and counts, in names only: the long name of a band of GDAL is "GDAL Band Number 1"
+    ["flag", "flags", "count", "counts", "number", "source", "id", "tid", "index", "class", "classes", "area", "difference", "diff"]
+)
+NO_LENGTH = re.compile(r"%|percent|deg.*|rad.*|grad|celsius|k|s|pa|kpa|kg\b.*|.*/.*|.* s(\^|\*\*)?-\d|m ?\W*[23]|m-\d.*")  # units
+MOST_LISTED = 12  # variables in a message
+MOST_CELLS = 10_000_000  # of a variable whose range is stated in a message
 
 
 @contextmanager
-def open_elevation(text: str) -> "Iterator[NetcdfElevation]":
-    """The open elevation of a NetCDF file: its only two-dimensional variable, or the one that is named like an elevation.
+def open_elevation(text: str, names: Sequence[str] = (), what: str = "elevation") -> "Iterator[NetcdfElevation]":
+    """The open elevation of a NetCDF file, or another quantity, of any order of rows, columns and dimensions.
 
-    Any order of rows, columns and dimensions. DemError if the file cannot be read, the variable cannot be told, or the
-    coordinates are missing or uneven.
+    Parameters
+    ----------
+    text : str
+        File, or GDAL's name of a variable in it: ``NETCDF:"dem.nc":bed``, ``NETCDF:"dem.nc":/group/bed``.
+    names : sequence of str, optional
+        Names and standard names that tell a quantity other than the elevation.
+    what : str, optional
+        Name of the quantity.
+
+    Raises
+    ------
+    DemError
+        If the file cannot be read, several variables may be meant, or the place or the meaning of the numbers is not clear.
     """
-    with open_netcdf(text, DemError) as dataset:
-        yield NetcdfElevation(dataset, text)
+    path, group, name = _parts(text)
+    with open_netcdf(path, DemError, group) as dataset, _with_ancestors(dataset, path, group) as whole:
+        _require_numbers(whole, text)
+        variable = _named(whole, name, text) if name else _only_variable(dataset, path, names, what)
+        yield NetcdfElevation(whole, variable, text, what, is_chosen=bool(name))
+
+
+def _parts(text: str) -> tuple[str, str | None, str | None]:
+    """Path of the file, group and variable of a name; None for the root and for a variable that is not named."""
+    part = PARTS.match(text)
+    if not text.startswith("NETCDF:") or part is None:
+        return text, None, None
+    group, _, name = text[part.end(2) :].lstrip('"').removeprefix(":").strip("/").rpartition("/")
+    return part[2], group or None, name or None
+
+
+@contextmanager
+def _with_ancestors(dataset: Any, path: str, group: str | None) -> Iterator[Any]:
+    """Dataset of a group with the coordinates and grid mappings of the groups around it."""
+    if group is None:
+        yield dataset
+        return
+    outer = group.rpartition("/")[0] or None
+    with open_netcdf(path, DemError, outer) as around, _with_ancestors(around, path, outer) as whole:
+        own = set(dataset.variables)
+        sizes = dict(dataset.sizes)
+        inherited = {
+            name: variable for name, variable in whole.variables.items()
+            if name not in own and all(sizes.get(d, whole.sizes[d]) == whole.sizes[d] for d in variable.dims)
+        }  # fmt: skip
+        yield dataset.assign_coords(inherited)
+
+
+def _require_numbers(dataset: Any, text: str) -> None:
+    """DemError if an attribute by which numbers are unpacked is a text; xarray makes texts of the numbers then."""
+    for name, variable in dataset.variables.items():
+        for key in ("scale_factor", "add_offset", "missing_value"):
+            value = {**variable.attrs, **variable.encoding}.get(key)
+            if isinstance(value, str) and np.dtype(variable.encoding.get("dtype", variable.dtype)).kind in "iuf":
+                raise DemError(f"{text}: attribute {key} of {name!r} is {value!r}, not a number; correct it with `ncatted`")
 
 
 class NetcdfElevation:
-    """The elevation of an open xarray dataset."""
+    """A variable of an open xarray dataset as elevation, or as another quantity."""
 
-    def __init__(self, dataset: Any, text: str):
-        variable = _elevation_variable(dataset, text).squeeze(drop=True)
-        x, y = (_coordinate(variable, axis, text) for axis in ("x", "y"))
-        self.variable = variable.transpose(y.name, x.name)
-        dx, dy = _step(x, text), _step(y, text)
-        transform = (dx, 0.0, float(x.values[0]) - dx / 2, 0.0, dy, float(y.values[0]) - dy / 2)
-        require_usable(transform, text, DemError)
-        mapping = _grid_mapping(dataset, variable)
-        system = _crs(mapping, x, text)
-        self.unnamed = system is None and _in_degrees(x)
-        system = parse("EPSG:4326", text) if self.unnamed else system
-        self.header = Header(_exact_transform(transform, mapping), self.variable.shape, system, text)
+    def __init__(self, dataset: Any, variable: Any, text: str, what: str, *, is_chosen: bool):
+        self.what, self.sentences = what, list(_left_out(variable))
+        flat = with_axes(dataset, variable.squeeze(drop=True))
+        grid = grid_of(dataset, flat, text)
+        self.variable = flat.transpose(grid.y, grid.x)
+        self.is_depth = what == "elevation" and _is_depth(flat, text)
+        self.assumption = grid.assumption
+        self.header = Header(grid.transform, self.variable.shape, grid.crs, text)
+        self.sentences += grid.sentences
+        names = [str(v.name) for v in _surfaces(dataset)]
+        if len(names) > 1 and not is_chosen:
+            self.sentences.append(f"of the variables {', '.join(names)}, {flat.name} is taken as the {what}")
 
     def read(self, extent: Bounds | None) -> ElevationRaster:
         """The cells of an extent."""
         header, variable = self.header, self.variable
         part = header.part(extent, DemError)
         unit = str(variable.attrs.get("units", "")) or None
-        values = np.array(variable[part.slices].values, dtype=np.float64)
+        values, said = _valid(np.array(variable[part.slices].values, dtype=np.float64), variable, self.what, header.source)
         raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.said(part))
-        return raster.noted("coordinates are degrees of an unnamed datum; taken as WGS 84") if self.unnamed else raster
+        for sentence in (*self.sentences, *said):
+            raster = raster.noted(sentence)
+        if self.is_depth:
+            raster = raster.changed("values count downwards; elevation = -1 x value", values=-raster.values)
+        return replace(raster, assumption=self.assumption)
 
 
-def _elevation_variable(dataset: Any, text: str) -> Any:
-    flat = [
-        v for v in dataset.data_vars.values()
-        if sum(n > 1 for n in v.shape) == 2 and np.issubdtype(v.dtype, np.number)
+def _left_out(variable: Any) -> Iterator[str]:
+    """Sentences on dimensions of length 1 that are left out."""
+    for dimension, length in variable.sizes.items():
+        if length == 1:
+            at = f" ({variable.coords[dimension].values[0]})" if dimension in variable.coords else ""
+            yield f"dimension {dimension} of length 1{at} is left out"
+
+
+def _named(dataset: Any, name: str, text: str) -> Any:
+    """The variable of a name; DemError if it is missing or has not two dimensions."""
+    if name not in dataset.variables:
+        known = ", ".join(str(v.name) for v in dataset.data_vars.values() if v.ndim >= 2) or "none"
+        raise DemError(f"{text}: there is no variable {name!r}; its variables of two dimensions or more: {known}")
+    variable = dataset[name]
+    if not np.issubdtype(variable.dtype, np.number):
+        raise DemError(f"{text}: variable {name!r} holds {variable.dtype}, no numbers; name another one")
+    _require_two_dimensions(variable, text)
+    return variable
+
+
+def _require_two_dimensions(variable: Any, text: str) -> None:
+    long = [str(d) for d, length in variable.sizes.items() if length > 1]
+    if len(long) == 2:
+        return
+    more = [d for d in long if d not in directions(variable).values()]
+    sizes = ", ".join(f"{d} ({length})" for d, length in variable.sizes.items())
+    path = _parts(text)[0]
+    cut = "".join(f" -d {d},0" for d in more) if len(long) > 2 else ""
+    remedy = f"keep one layer, for example `ncks{cut} {path} elevation.nc`" if cut else "a grid of rows and columns is needed"
+    raise DemError(f"{text}: variable {variable.name!r} has the dimensions {sizes}; {remedy}")
+
+
+def _surfaces(dataset: Any, dimensions: int = 2) -> list[Any]:
+    """Variables of so many dimensions that are neither bounds nor positions, nor belong to another variable."""
+    roles = ("bounds", "climatology", "grid_mapping", "ancillary_variables", "cell_measures", "coordinates")
+    attributes = [str({**v.encoding, **v.attrs}.get(role, "")) for v in dataset.variables.values() for role in roles]
+    auxiliary = {word for text in attributes for word in text.split()}
+    return [
+        variable for name, variable in dataset.data_vars.items()
+        if sum(length > 1 for length in variable.shape) == dimensions and np.issubdtype(variable.dtype, np.number)
+        and name not in auxiliary and not is_position(variable)
     ]  # fmt: skip
-    for name in ELEVATION_NAMES:
-        for variable in flat:
-            if name in (str(variable.name).lower(), variable.attrs.get("standard_name")):
-                return variable
-    if len(flat) == 1:
-        return flat[0]
-    names = ", ".join(str(v.name) for v in flat) or "none"
-    remedy = f'keep the elevation only, for example `ncks -v NAME {text} elevation.nc`, or name it "elevation"'
-    raise DemError(f"{text}: cannot tell which variable is the elevation (two-dimensional ones: {names}); {remedy}")
 
 
-def _coordinate(variable: Any, axis: str, text: str) -> Any:
-    for dimension in variable.dims:
-        if dimension not in variable.coords:
-            continue
-        coordinate = variable.coords[dimension]
-        words = (str(dimension).lower(), coordinate.attrs.get("standard_name"), str(coordinate.attrs.get("axis", "")).lower())
-        if any(word in AXES[axis] for word in words):
-            return coordinate
-    remedy = "add coordinate variables x and y"
-    raise DemError(f"{text}: variable {variable.name!r} has no {axis} coordinate along {variable.dims}; {remedy}")
+def _only_variable(dataset: Any, text: str, names: Sequence[str], what: str) -> Any:
+    """The only variable that can be the elevation, or another quantity.
+
+    A standard name decides. Without one, a variable is taken if it is the only one, or if its name says elevation and the name, the
+    unit or the standard name of each other one says another quantity. Other quantities are told by the given names alone.
+    """
+    surfaces = _surfaces(dataset)
+    if what == "elevation":
+        certain = [v for v in surfaces if _standard_name(v) in (*GROUND, *DEPTHS)]
+        possible = [v for v in surfaces if not _is_other(v, is_alone=len(surfaces) == 1)]
+    else:
+        certain = [v for v in surfaces if {str(v.name).lower(), _standard_name(v)} & set(names)]
+        possible = surfaces
+    if len(certain) == 1:
+        return certain[0]
+    if not certain and len(possible) == 1 and (len(surfaces) == 1 or _is_named_elevation(possible[0])):
+        return possible[0]
+    layered = [v for n in (3, 4) for v in _surfaces(dataset, n) if len(directions(with_axes(dataset, v))) == 2 and not _is_other(v)]
+    if not possible and len(layered) == 1:
+        _require_two_dimensions(layered[0], text)
+    held = ", ".join(str(v.name) for v in surfaces) or "none"
+    example = str(next(iter(certain or possible or surfaces)).name) if surfaces else "VARIABLE"
+    raise DemError(
+        f"{text}: cannot tell which variable is the {what} (two-dimensional ones: {held}){_described(surfaces)}"
+        f'{_of_groups(text)}; name the variable after the file, for example NETCDF:"{text}":{example}, in place of {text}'
+    )
 
 
-def _step(coordinate: Any, text: str) -> float:
-    """Spacing of an evenly spaced coordinate, with its sign."""
-    c = np.asarray(coordinate.values, dtype=np.float64)
-    step = (c[-1] - c[0]) / (len(c) - 1)
-    off = np.abs(c - (c[0] + step * np.arange(len(c)))).max()
-    if not (np.isfinite(step) and step != 0 and off <= UNEVEN * abs(step)):
-        uneven = f"coordinate {coordinate.name!r} is not evenly spaced (off by up to {off:g})"
-        raise DemError(f"{text}: {uneven}; resample it with `gdalwarp`")
-    return float(step)
+def _standard_name(variable: Any) -> str:
+    return str(variable.attrs.get("standard_name", "")).strip().lower()
 
 
-def _grid_mapping(dataset: Any, variable: Any) -> dict[str, Any]:
-    name = variable.attrs.get("grid_mapping") or variable.encoding.get("grid_mapping") or ""
-    name = name.split(":")[0].split()[0] if name else "crs"
-    return dict(dataset.variables[name].attrs) if name in dataset.variables else {}
+def _words(text: Any) -> set[str]:
+    return set(re.findall(r"[a-z]+\d*", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(text)).replace("_", " ").lower()))
 
 
-def _exact_transform(transform: tuple[float, ...], mapping: dict[str, Any]) -> Any:
-    """The GeoTransform attribute where it agrees with the coordinates: it carries no rounding."""
+def _is_named_elevation(variable: Any) -> bool:
+    words = _words(variable.name)
+    return str(variable.name).lower() in NAMES or (bool(words & ELEVATION) and not words & (DERIVED | LABELS))
+
+
+def _is_other(variable: Any, *, is_alone: bool = False) -> bool:
+    """Whether the standard name, the unit or the words of a variable say that it is no elevation; "1" only beside others."""
+    standard_name, unit = _standard_name(variable), str(variable.attrs.get("units", "")).strip().lower()
+    if standard_name:
+        return standard_name not in (*GROUND, *DEPTHS)
+    name, long_name = _words(variable.name), _words(variable.attrs.get("long_name", ""))
+    if NO_LENGTH.fullmatch(unit) or name & (DERIVED | LABELS):
+        return True
+    if name & ELEVATION or (_is_depth_by_name(variable) and (is_alone or "positive" in variable.attrs)):
+        return False
+    return (
+        (unit == "1" and not is_alone) or bool(name & OTHER) or (bool(long_name & (OTHER | DERIVED)) and not long_name & ELEVATION)
+    )
+
+
+def _is_depth_by_name(variable: Any) -> bool:
+    """Whether a name says that it is a depth, and not of what but the ground."""
+    name = _words(variable.name)
+    return bool(name & DEPTH) and not name & (ELEVATION | OTHER - DEPTH)
+
+
+def _described(variables: Sequence[Any]) -> str:
+    """Long name, unit and range of variables, for a message."""
+    lines = []
+    for variable in variables[:MOST_LISTED]:
+        title = variable.attrs.get("long_name") or variable.attrs.get("standard_name")
+        unit = variable.attrs.get("units") or "without unit"
+        known = variable.values[np.isfinite(variable.values)] if variable.size <= MOST_CELLS else np.empty(0)
+        span = f", {known.min():.6g} to {known.max():.6g}" if known.size else ""
+        lines.append(f"{variable.name} ({f'{title}, ' if title else ''}{unit}{span})")
+    return "".join(f"; {line}" for line in lines)
+
+
+def _of_groups(text: str) -> str:
+    """Names of the two-dimensional variables of groups, for a message."""
+    import netCDF4
+
+    def walk(group: Any) -> Iterator[str]:
+        for child in group.groups.values():
+            flat = (v for v in child.variables.values() if sum(n > 1 for n in v.shape) == 2)
+            yield from (f"{child.path}/{v.name}" for v in flat)
+            yield from walk(child)
+
+    with netCDF4.Dataset(text) as file:
+        names = list(walk(file))
+    return f"; groups hold {', '.join(names[:MOST_LISTED])}" if names else ""
+
+
+def _is_depth(variable: Any, text: str) -> bool:
+    """Whether values count downwards; DemError if its attributes contradict each other or do not say it of a depth."""
+    positive, standard_name = str(variable.attrs.get("positive", "")).strip().lower(), _standard_name(variable)
+    if positive not in ("", "up", "down"):
+        raise DemError(f"{text}: variable {variable.name!r} has positive = {positive!r}; it must be up or down")
+    if (standard_name in DEPTHS and positive == "up") or (standard_name in GROUND and positive == "down"):
+        contradiction = f"variable {variable.name!r} is a {standard_name} with positive = {positive!r}"
+        raise DemError(f"{text}: {contradiction}; correct one of them with `ncatted`")
+    if not positive and not standard_name and _is_depth_by_name(variable):
+        remedy = f"state it, for example `ncatted -a positive,{variable.name},c,c,down {_parts(text)[0]}`"
+        raise DemError(f"{text}: variable {variable.name!r} does not say whether it counts upwards or downwards; {remedy}")
+    return positive == "down" or standard_name in DEPTHS
+
+
+def _valid(values: np.ndarray, variable: Any, what: str, text: str) -> tuple[np.ndarray, list[str]]:
+    """Values with NaN outside the valid range that the file states, and sentences on it and on the storage."""
+    encoding, said = variable.encoding, []
+    scale, offset = float(encoding.get("scale_factor", 1.0)), float(encoding.get("add_offset", 0.0))
+    if scale == 0.0 or not np.isfinite([scale, offset]).all():
+        packing = f"the scale_factor {scale:g} and the add_offset {offset:g}"
+        raise DemError(f"{text}: variable {variable.name!r} has {packing}; write it anew with the right ones")
+    stored = np.dtype(encoding.get("dtype", variable.dtype))
+    if (scale, offset) != (1.0, 0.0):
+        said.append(f"the file stores packed numbers; {what} = {scale:g} x number + {offset:g}")
+    elif stored.kind in "iu" and what == "elevation":
+        said.append(f"elevations are whole numbers ({stored}); slopes are stepped by one unit a cell")
+    low, high = sorted(_limit(number, stored, scale, offset, encoding) for number in _stated_range(variable, text))
+    half = abs(scale) / 2 if stored.kind in "iu" else 0.0
+    outside = (values < low - half) | (values > high + half)
+    if outside.any():
+        said.append(f"{int(outside.sum())} cells outside the valid range of the file, {low:g} to {high:g}, are unknown")
+        values = np.where(outside, np.nan, values)
+    return values, said
+
+
+def _stated_range(variable: Any, text: str) -> tuple[Any, Any]:
+    """valid_min and valid_max, or both of valid_range, in the type in which they are stated."""
+    attributes = variable.attrs
+    pair = attributes.get("valid_range", (attributes.get("valid_min", -np.inf), attributes.get("valid_max", np.inf)))
     try:
-        c, a, b, f, d, e = (float(number) for number in str(mapping.get("GeoTransform", "")).split())
-    except ValueError:
-        return transform
-    stated = (a, b, c, d, e, f)
-    return stated if np.allclose(stated, transform, rtol=0, atol=1e-6 * abs(transform[0])) else transform
+        low, high = (np.asarray(number) for number in pair)
+        ordered = float(low) <= float(high)
+    except (TypeError, ValueError):
+        ordered = False
+    if not ordered:
+        raise DemError(f"{text}: variable {variable.name!r} has the valid range {pair}; two numbers in order are needed")
+    return low, high
 
 
-def _crs(mapping: dict[str, Any], x: Any, text: str) -> Any:
-    from pyproj import CRS
-    from pyproj.exceptions import CRSError
-
-    wkt = mapping.get("crs_wkt") or mapping.get("spatial_ref")
-    if wkt:
-        return parse(wkt, text)
-    units = str(x.attrs.get("units", ""))
-    if not _in_degrees(x) and units not in ("", "1", "m", "metre", "meter", "metres", "meters"):
-        raise DemError(f"{text}: coordinate {x.name!r} is in {units!r}; metres or degrees are needed")
-    try:
-        return parse(CRS.from_cf(mapping), text) if "grid_mapping_name" in mapping else None
-    except (CRSError, KeyError, TypeError, ValueError) as error:
-        raise DemError(f"{text}: its grid mapping is not understood ({error}); add the attribute crs_wkt") from error
-
-
-def _in_degrees(x: Any) -> bool:
-    units = str(x.attrs.get("units", ""))
-    named = x.attrs.get("standard_name") == "longitude" or str(x.name).lower() in ("lon", "longitude")
-    return units.startswith("degree") or (named and not units)
+def _limit(number: Any, stored: np.dtype, scale: float, offset: float, encoding: dict[str, Any]) -> float:
+    """A limit as an elevation: it is in stored numbers if it has their type, else in unpacked ones (NetCDF User Guide, A)."""
+    if not np.isfinite(number):
+        return float(number)
+    if stored.kind == "f":
+        number = number.astype(stored)  # the value at the limit has the same rounding
+    elif stored.kind in "iu" and number.dtype.kind in "iu" and str(encoding.get("_Unsigned", "")).lower() == "true":
+        number = number.astype(f"i{stored.itemsize}").view(f"u{stored.itemsize}")
+    is_packed = number.dtype.kind in "iu" if stored.kind in "iu" else number.dtype == stored
+    return float(number) * scale + offset if is_packed else float(number)

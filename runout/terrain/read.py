@@ -16,7 +16,7 @@ from runout.io.boundary import as_path, exists, kind_of, names_in
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
 from runout.io.mesh_files import MESHES, OTHER_MESHES
-from runout.io.opening import PARTS, open_raster
+from runout.io.opening import PARTS, is_netcdf, open_raster
 from runout.io.source_kinds import sample_path
 from runout.io.window import Bounds
 from runout.model.arrays import real_array, real_pair, shown
@@ -25,7 +25,6 @@ from runout.terrain import prepare
 
 SAMPLE = "matplotlib:jacksboro_fault_dem"
 SURFACES = (*MESHES, *OTHER_MESHES)
-NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")
 
 
 def read_terrain(path: str | PathLike[str], crs: Any = None, extent: Bounds | None = None) -> Terrain:
@@ -95,13 +94,13 @@ def _opened(text: str) -> Iterator[_Source]:
     if text.lower().endswith(SURFACES):
         remedy = "give a mesh as OBJ, PLY or STL in site.yaml (terrain.dem with terrain.resolution), or to Terrain.from_mesh"
         raise DemError(f"{text}: is a mesh, not a raster; {remedy}")
-    if text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
+    path = text if _is_gdal_name(text) else _existing(text)
+    if is_netcdf(path):
         from runout.terrain.netcdf import open_elevation
 
-        with open_elevation(_existing(text)) as source:
+        with open_elevation(path) as source:
             yield source
     else:
-        path = text if _is_gdal_name(text) else _existing(text)
         with open_raster(path, DemError) as dataset:
             yield GdalElevation(dataset, path)
 

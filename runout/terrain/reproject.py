@@ -33,7 +33,19 @@ def to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
     )
     if not coordinate_systems.names_datum(raster.crs):
         sentence += f"; {raster.crs.name} names no datum, so that places on the map may be off by some 100 m"
+    elif _is_ballpark(raster, target):
+        shift = f"PROJ knows no shift from its datum to {target.geodetic_crs.name} here"
+        sentence += f"; {shift}, so that places on the map may be off by some 100 m"
     return raster.changed(sentence, values=values, transform=transform, crs=target)
+
+
+def _is_ballpark(raster: ElevationRaster, target: object) -> bool:
+    """Whether the transformation leaves the shift between the datums out."""
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(raster.crs, target, always_xy=True)
+    transformer.transform(*raster.centre)
+    return "Ballpark" in transformer.get_last_used_operation().description
 
 
 def projected_cell(raster: ElevationRaster, target: object) -> tuple[float, float]:
@@ -48,11 +60,15 @@ def projected_cell(raster: ElevationRaster, target: object) -> tuple[float, floa
 
 
 def _within_half_turn(raster: ElevationRaster) -> ElevationRaster:
-    """Longitudes from 0 to 360 degrees, brought to -180 to 180."""
+    """Longitudes from 0 to 360 degrees, brought to -180 to 180; the same in other units."""
     a, b, c, d, e, f = raster.transform
-    if not raster.crs.is_geographic or c < 180.0:
+    if not raster.crs.is_geographic:
         return raster
-    return raster.changed("longitudes counted beyond 180; 360 subtracted", transform=(a, b, c - 360.0, d, e, f))
+    turn = round(2 * np.pi / raster.crs.axis_info[0].unit_conversion_factor, 9)  # 360 degrees, 400 grads
+    if c < turn / 2:
+        return raster
+    sentence = f"longitudes counted beyond {turn / 2:g}; {turn:g} subtracted"
+    return raster.changed(sentence, transform=(a, b, c - turn, d, e, f))
 
 
 def _require_one_zone(raster: ElevationRaster) -> None:

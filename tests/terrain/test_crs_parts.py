@@ -71,3 +71,9 @@ def test_only_projected_systems_in_metres_and_to_the_east_and_north_serve():
     assert not crs.is_local(UTM_32)
     assert not crs.is_local(CRS("EPSG:4326"))
     assert crs.is_local(CRS("EPSG:5773"))
+
+
+def test_systems_that_pyproj_builds_from_parts_are_parsed():
+    built = CRS.from_cf({"grid_mapping_name": "transverse_mercator", "longitude_of_central_meridian": 9.0})
+    assert type(built) is not CRS
+    assert crs.horizontal(crs.parse(built, "dem.tif")).is_projected

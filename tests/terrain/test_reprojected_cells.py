@@ -1,4 +1,4 @@
-"""Rasters on their way to UTM: cells on the map, longitudes beyond 180, rims without elevation; exact NetCDF transforms."""
+"""Rasters on their way to UTM: cells on the map, longitudes beyond 180, rims without elevation."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from pyproj import CRS, Geod
 
 from runout.errors import DemError
 from runout.io.elevation_raster import ElevationRaster
-from runout.terrain import netcdf, reproject
+from runout.terrain import reproject
 
 WGS, UTM_32 = CRS("EPSG:4326"), CRS("EPSG:32632")
 
@@ -57,12 +57,3 @@ def test_new_cells_have_edges_at_multiples_of_their_side_and_cover_the_raster():
     assert x[:, 0].min() < west + 0.01 < east - 0.01 < x[:, -1].max()
     assert y[-1].min() < south + 0.01 < north - 0.01 < y[0].max()
     assert np.diff(y[:, 0]).max() < 0 < np.diff(x[0]).min()
-
-
-def test_a_geotransform_that_agrees_with_the_coordinates_carries_no_rounding():
-    rounded = (10.0, 0.0, 100.000001, 0.0, -10.0, 50.0)
-    exact = netcdf._exact_transform(rounded, {"GeoTransform": "100.0 10.0 0.0 50.0 0.0 -10.0"})
-    assert exact == (10.0, 0.0, 100.0, 0.0, -10.0, 50.0)
-    assert netcdf._exact_transform(rounded, {"GeoTransform": "100.1 10.0 0.0 50.0 0.0 -10.0"}) == rounded
-    assert netcdf._exact_transform(rounded, {"GeoTransform": "100.0 10.0"}) == rounded
-    assert netcdf._exact_transform(rounded, {}) == rounded

@@ -60,3 +60,14 @@ def test_a_system_without_a_name_is_that_of_the_products(geotiff, tmp_path):
     release = Release.from_raster(path, terrain)
     assert release.changes == ()
     np.testing.assert_array_equal(release.thickness, thickness)
+
+
+def test_a_map_in_kilometres_is_projected_and_its_unit_is_named(geotiff, capfd):
+    z = 500.0 + 2.0 * np.arange(40) * np.ones((30, 1))
+    path = geotiff(z, transform=(0.01, 0, 632.0, 0, -0.01, 5190.4), crs="+proj=utm +zone=32 +datum=WGS84 +units=km", unit="m")
+    capfd.readouterr()
+    terrain = Terrain.from_raster(path)
+    assert capfd.readouterr().err == ""  # libgeotiff complains where it does not find the units of PROJ
+    np.testing.assert_allclose(terrain.elevation, z, atol=1e-6)
+    assert terrain.extent == pytest.approx((632000.0, 5190100.0, 632400.0, 5190400.0))
+    assert any(change.startswith("coordinates in kilometre") for change in terrain.changes)
