@@ -1,4 +1,4 @@
-"""Elevation raster with the georeference and units of its file."""
+"""Raster of elevations or of another quantity, with the georeference and units of its file."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -60,23 +60,25 @@ class Header:
 
 @dataclass(frozen=True)
 class ElevationRaster:
-    """Elevations with the georeference that their file states.
+    """Elevations, or values of another quantity, with the georeference that their file states.
 
     Parameters
     ----------
     values : ndarray (rows, columns)
-        Elevation in ``unit``, float64, rows as in the file; NaN where the file marks a cell as unknown.
+        In ``unit``, float64, rows as in the file; NaN where the file marks a cell as unknown.
     transform : tuple of float
         GDAL-like affine map ``(a, b, c, d, e, f)``: ``x = a column + b row + c``, ``y = d column + e row + f``
         from the outer corner of cell (0, 0).
     crs : pyproj.CRS or None
         Horizontal coordinate reference system; None if neither the file nor the caller names one.
     unit : str or None
-        Unit of the elevations; None if not stated.
+        Unit of the values; None if not stated.
     source : str
         For messages.
     changes : tuple of str
         Changes so far, one sentence each.
+    packing : tuple of float
+        Scale and offset by which the numbers in the file became the values.
     """
 
     values: np.ndarray
@@ -85,6 +87,7 @@ class ElevationRaster:
     unit: str | None
     source: str
     changes: tuple[str, ...] = ()
+    packing: tuple[float, float] = (1.0, 0.0)
 
     @property
     def cell(self) -> tuple[float, float]:
@@ -102,6 +105,15 @@ class ElevationRaster:
     def bounds(self) -> tuple[float, float, float, float]:
         """Outer edges ``(west, south, east, north)`` in map units, for a raster that is not rotated."""
         return bounds_of(self.transform, (self.values.shape[0], self.values.shape[1]))
+
+    def scaled(self, scale: float, offset: float = 0.0) -> "ElevationRaster":
+        """The raster with its values times a scale plus an offset."""
+        packing = scale * self.packing[0], scale * self.packing[1] + offset
+        return replace(self, values=self.values * scale + offset, packing=packing)
+
+    def stored(self, value: float) -> float:
+        """The number in the file that stands for a value."""
+        return (value - self.packing[1]) / self.packing[0]
 
     def changed(self, sentence: str, **fields: Any) -> "ElevationRaster":
         """The raster with other fields; the change is recorded and logged as a warning."""

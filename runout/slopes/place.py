@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from runout.config.scaffold import RASTER_SUFFIXES
 from runout.model.terrain import Terrain
-from runout.terrain.read import SURFACES
+from runout.terrain.source import SURFACES
 
 if TYPE_CHECKING:
     from runout.config.site import Site

@@ -4,7 +4,7 @@ GDAL drops the coordinates of a variable that names no grid mapping, and then pl
 variables themselves say more.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,7 +17,6 @@ from runout.io.georeference import require_usable
 from runout.io.opening import open_netcdf
 from runout.io.window import Bounds
 
-ELEVATION_NAMES = ("elevation", "surface_altitude", "dem", "z", "altitude", "height", "topography", "orog", "band1")
 AXES = {
     "x": ("x", "lon", "longitude", "easting", "projection_x_coordinate"),
     "y": ("y", "lat", "latitude", "northing", "projection_y_coordinate"),
@@ -26,21 +25,21 @@ UNEVEN = 1e-3  # of a cell; single-precision coordinates stay below it
 
 
 @contextmanager
-def open_elevation(text: str) -> "Iterator[NetcdfElevation]":
-    """The open elevation of a NetCDF file: its only two-dimensional variable, or the one that is named like an elevation.
+def open_elevation(text: str, names: Sequence[str], what: str) -> "Iterator[NetcdfElevation]":
+    """The open raster of a NetCDF file: its only two-dimensional variable, or the first with one of the ``names``.
 
     Any order of rows, columns and dimensions. DemError if the file cannot be read, the variable cannot be told, or the
     coordinates are missing or uneven.
     """
     with open_netcdf(text, DemError) as dataset:
-        yield NetcdfElevation(dataset, text)
+        yield NetcdfElevation(dataset, text, names, what)
 
 
 class NetcdfElevation:
     """The elevation of an open xarray dataset."""
 
-    def __init__(self, dataset: Any, text: str):
-        variable = _elevation_variable(dataset, text).squeeze(drop=True)
+    def __init__(self, dataset: Any, text: str, names: Sequence[str], what: str):
+        variable = _variable(dataset, text, names, what).squeeze(drop=True)
         x, y = (_coordinate(variable, axis, text) for axis in ("x", "y"))
         self.variable = variable.transpose(y.name, x.name)
         dx, dy = _step(x, text), _step(y, text)
@@ -57,25 +56,27 @@ class NetcdfElevation:
         header, variable = self.header, self.variable
         part = header.part(extent, DemError)
         unit = str(variable.attrs.get("units", "")) or None
+        if variable.encoding.get("scale_factor", 1.0) == 0:
+            raise DemError(f"{header.source}: variable {variable.name!r} has the scale_factor 0; write it anew with the right one")
         values = np.array(variable[part.slices].values, dtype=np.float64)
         raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.said(part))
         return raster.noted("coordinates are degrees of an unnamed datum; taken as WGS 84") if self.unnamed else raster
 
 
-def _elevation_variable(dataset: Any, text: str) -> Any:
+def _variable(dataset: Any, text: str, names: Sequence[str], what: str) -> Any:
     flat = [
         v for v in dataset.data_vars.values()
         if sum(n > 1 for n in v.shape) == 2 and np.issubdtype(v.dtype, np.number)
     ]  # fmt: skip
-    for name in ELEVATION_NAMES:
+    for name in names:
         for variable in flat:
             if name in (str(variable.name).lower(), variable.attrs.get("standard_name")):
                 return variable
     if len(flat) == 1:
         return flat[0]
-    names = ", ".join(str(v.name) for v in flat) or "none"
-    remedy = f'keep the elevation only, for example `ncks -v NAME {text} elevation.nc`, or name it "elevation"'
-    raise DemError(f"{text}: cannot tell which variable is the elevation (two-dimensional ones: {names}); {remedy}")
+    held = ", ".join(str(v.name) for v in flat) or "none"
+    remedy = f'keep the {what} only, for example `ncks -v NAME {text} {what}.nc`, or name it "{names[0]}"'
+    raise DemError(f"{text}: cannot tell which variable is the {what} (two-dimensional ones: {held}); {remedy}")
 
 
 def _coordinate(variable: Any, axis: str, text: str) -> Any:

@@ -1,6 +1,7 @@
 """Friction zones of the polygons in vector files."""
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError, ZoneError
-from runout.io.polygon_overlap import OVERLAP
+from runout.io.polygon_overlap import OVERLAP, SLIVER
 from runout.io.polygons import PolygonLayer, read_polygons, without_overlap
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
@@ -126,7 +127,7 @@ def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = Non
     for one, other in combinations(parts, 2):
         a, b = (shapely.union_all([zone["geometry"] for zone in part.zones]) for part in (one, other))
         common = a.intersection(b).area
-        if common > OVERLAP * min(a.area, b.area):
+        if common > max(OVERLAP * min(a.area, b.area), SLIVER * math.prod(one.cell_size)):
             raise ZoneError(
                 f"friction zones of {one.source} and {other.source} overlap by {common:.6g} m2; cut one of them back so that every "
                 "place has one friction"
@@ -143,6 +144,7 @@ def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = Non
         tuple(change for part in stated for change in part.changes),
         _replaced_in(parts),
         rasters.gridded if rasters else {},
+        tuple(warning for part in stated for warning in part.warnings),
     )
 
 
