@@ -20,7 +20,7 @@ VRT_MARK = b"<VRTDataset"
 DEEPEST = 5  # nesting levels of VRTs
 MOST_SOURCES = 20_000
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-FOREIGN = (b"<GDAL", b"stac_extensions")  # marks of formats that read other files
+FOREIGN = re.compile(rb"<GDAL(?!Metadata>)|stac_extensions")  # of formats that read other files; a GeoTIFF has metadata of its own
 SYSTEM = re.compile(r"\s*(\w+\s*\[|[A-Za-z]+:\d+|\+proj=|\{|urn:ogc:|$)", re.ASCII)  # start of WKT, code, PROJ, JSON
 ADDRESS = re.compile(r"^(/vsi|<|\w{2,}:)|://", re.ASCII)
 SYSTEMS = ("SRS", "SourceSRS", "TargetSRS", "SourceCRS", "TargetCRS", "GCPList")
@@ -88,7 +88,7 @@ def _collect(path: Path, root: Path, error: type[InputError], found: dict[Path, 
 def _plain(first: bytes) -> bool:
     """Whether GDAL recognises a source by its magic number or as a plain text grid, and in no other way."""
     if first.startswith(TIFF) or first.startswith(b"EHFA_HEADER_TAG"):
-        return not any(mark in first for mark in FOREIGN)
+        return FOREIGN.search(first) is None
     return re.match(rb"\s*(ncols|nrows|xll|dsaa|north:)", first, re.IGNORECASE) is not None and not re.search(rb'[<{"]', first)
 
 

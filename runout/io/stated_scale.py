@@ -1,4 +1,4 @@
-"""What a raster file and its side files state of the numbers in it: scale, offset and unit; GDAL applies or reports only some of it.
+"""What a raster file and its side files state of the numbers in it: scale, offset and unit. GDAL applies only some of it.
 
 Side files state a vertical scale or unit in lines of their own: Z_FACTOR and UNIT of SAGA, Zunits of Esri, units in the header of a
 binary grid, the vertical scale of a BT file, and the scale of the sources of a virtual raster.

@@ -12,33 +12,33 @@ UNSTATED = frozenset(("", "1", "-", "unknown", "unspecified", "undefined", "not 
 US_FOOT, FOOT = 1200 / 3937, 0.3048
 PREFIXES = {"m": 1e-3, "mili": 1e-3, "milli": 1e-3, "c": 0.01, "centi": 0.01, "zenti": 0.01, "d": 0.1, "deci": 0.1, "dezi": 0.1}
 PREFIXES |= {"k": 1000.0, "kilo": 1000.0, "": 1.0}
-METRE = re.compile(r"(mili|milli|[cz]enti|de[cz]i|kilo|)(?:met(?:er|ers|ern|re|res|ro|ros|ri|r|ry|row|ru|ra|ar|ara|era|ers)|mts|mtrs?)")
+METRE = re.compile(r"(mili|milli|[cz]enti|de[cz]i|kilo|)(?:met(?:er|ers|ern|re|res|ro|ros|ri|r|ry|row|ru|ra|ar|ara|era)|mts|mtrs?)")
 METRE_SIGN = re.compile(r"([mcdk]?)m")
-METRES_ELSEWHERE = frozenset(("м", "метр", "метра", "метры", "метров", "μετρα", "μετρο", "米", "公尺", "メートル"))
-FEET = frozenset(
-    "ft foot feet pied pieds pie pies piede piedi fuss voet fot stopa stopy stop pe pes фут футы футов フィート 英尺".split()
-)
-US_FEET = frozenset(("sft", "usft", "ftus", "ussft", "sftus"))
-SURVEY = frozenset(("us", "usa", "survey"))
-# sea level: these words alone state a height reference and no unit
-SEA_LEVEL = frozenset("sea msl amsl asl nn nhn nap ahd navd ngvd egm evrf".split())
-REFERENCES = SEA_LEVEL | frozenset(
-    """
-    above over mean mid sea level geoid geoidal ellipsoid ellipsoidal orthometric normal null height heights high altitude altitudes
-    elevation elevations elev alt z datum vertical reference system in unit units value values the of to on wgs international intl int
-    u ue uber ueber hohe hoehe hohen hoehen dem meer meere meeres meeresspiegel meereshohe mittel normalnull normalhohennull um ua ya
-    au dessus du de la le les del della dello dei sur sobre el il lo nivel niveau livello sul sulla mer mare mar maris mari do al snm
-    slm sm snmm ngf npm nm nmn nv nad poziomem morza morem hladinou more morja morya над уровнем моря boven zeeniveau taw tvd
-    over havet oh ho havets niva havsytan ln od aod pd lat tp
-    """.split()
-)
+
+
+def _set(text: str) -> frozenset[str]:
+    return frozenset(re.findall(r"\S+", text))
+
+
+METRES_ELSEWHERE = _set("м метр метра метры метров μετρα μετρο 米 公尺 メートル")
+FEET = _set("ft foot feet pied pieds pie pies piede piedi fuss voet fot stopa stopy stop pe pes фут футы футов フィート 英尺")
+US_FEET = _set("sft usft ftus ussft sftus")
+SURVEY = _set("us usa survey")
+SEA_LEVEL = _set("sea msl amsl asl nn nhn nap ahd navd ngvd egm evrf")  # these words alone state a height reference and no unit
+REFERENCES = SEA_LEVEL | _set("""
+    above over mean mid sea level geoid geoidal ellipsoid ellipsoidal orthometric normal null height heights high
+    altitude altitudes elevation elevations elev alt z datum vertical reference system in unit units value values the of
+    to on wgs international intl int u ue uber ueber hohe hoehe hohen hoehen dem meer meere meeres meeresspiegel
+    meereshohe mittel normalnull normalhohennull um ua ya au dessus du de la le les del della dello dei sur sobre el il
+    lo nivel niveau livello sul sulla mer mare mar maris mari do al snm slm sm snmm ngf npm nm nmn nv nad poziomem morza
+    morem hladinou more morja morya над уровнем моря boven zeeniveau taw tvd over havet oh ho havets niva havsytan ln od
+    aod pd lat tp
+""")
 # a word that turns a length into something else, or says that it counts from elsewhere
-OTHERWISE = frozenset(
-    """
+OTHERWISE = _set("""
     per s sec secs second seconds h hr hour hours min day days year years yr square squared cubic cubed below under beneath down
     depth deep times x e or and ground agl terrain unter unterhalb sous sotto bajo abajo
-    """.split()
-)
+""")
 NAME = re.compile(r"[A-Z][A-Za-z]+\d{0,4}|[A-Za-z]{2,6}\d{2,4}")  # of a height reference: NAVD88, Kronstadt, ngf69
 WORD = re.compile(r"[^\s_+,;:=\"'\-]+")
 
@@ -89,7 +89,7 @@ def metres_in(text: str) -> float | None:
     Every other word must name a height reference or be usual beside one, so that ``m/s``, ``m2``, ``10 m`` and ``m below ground``
     are not taken for metres.
     """
-    if re.search(r"[/*^×·%]", text) or re.search(r"\d\s*m|m[\d²³]", text):
+    if re.search(r"[/*^\u00d7\u00b7%]", text) or re.search(r"\d\s*m|m[\d²³]", text):
         return None
     words = _words(text)
     lengths = {size for word in words if (size := _length(word)) is not None}
@@ -129,7 +129,9 @@ def _length(word: str) -> float | None:
         return None
     for sign in ("ft", "m"):
         rest = _without_marks(word)[len(sign) :]
-        joined = len(rest) > 1 and _plain(rest) not in OTHERWISE and (_plain(rest) in REFERENCES or rest.isupper() or rest[-1].isdigit())
+        joined = (
+            len(rest) > 1 and _plain(rest) not in OTHERWISE and (_plain(rest) in REFERENCES or rest.isupper() or rest[-1].isdigit())
+        )
         if plain.startswith(sign) and joined and _refers(rest):
             return FOOT if sign == "ft" else 1.0
     return None

@@ -223,7 +223,7 @@ def in_unit_of(raster: ElevationRaster, quantity: Quantity) -> ElevationRaster:
     unit = raster.unit if is_stated(raster.unit) else upward.axis_info[0].unit_name if upward is not None else None
     factor = factor_to(quantity.unit, unit)
     if factor is None:
-        remedy = f"if they are in {quantity.unit or 'no unit'}, say so: `gdal_edit.py -units \"{quantity.unit}\" {raster.source}`"
+        remedy = f'if they are in {quantity.unit or "no unit"}, say so: `gdal_edit.py -units "{quantity.unit}" {raster.source}`'
         understood = f"{words_for(quantity.unit)} are understood"
         raise quantity.error(f"{raster.source}: {quantity.values} are in {unit!r}; {understood}; {remedy}; else convert them")
     if unit is None and quantity is ELEVATION and raster.crs is not None and _is_not_in_metres(raster.crs):

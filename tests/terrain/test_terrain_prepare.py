@@ -201,7 +201,9 @@ def test_engineering_system_is_local():
 def test_map_in_feet_is_projected_if_the_unit_of_its_elevations_is_known(geotiff):
     feet = 1200 / 3937
     transform = (30.0, 0.0, 1500000.0, 0.0, -30.0, 700000.0)
-    with pytest.raises(DemError, match=r"the map is in US survey foot.*the unit of the elevations is not stated.*gdal_edit\.py -units ft"):
+    with pytest.raises(
+        DemError, match=r"the map is in US survey foot.*unit of the elevations is not stated.*gdal_edit\.py -units ft"
+    ):
         Terrain.from_raster(geotiff(np.full((40, 40), 3000.0), transform, "EPSG:2264"))
     terrain = Terrain.from_raster(geotiff(np.full((40, 40), 3000.0), transform, "EPSG:2264", unit="us-ft"))
     assert terrain.elevation[20, 20] == pytest.approx(3000 * feet, rel=1e-12)
