@@ -14,6 +14,7 @@ from runout.io.layer_crs import to_terrain
 from runout.io.window import Bounds
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
+from runout.model.limits import LARGEST_RADIANS, SMALLEST_RADIANS
 from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
 from runout.terrain.source import errors_as, in_unit_of, north_up, of_parameter, open_source, require_straight
@@ -75,20 +76,21 @@ def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.nda
     values[inside] = raster.values[row[inside].astype(np.int64), column[inside].astype(np.int64)]
     _require_valid(raster, values, points, parameter)
     changes = (*(f"{path}: {change}." for change in raster.changes), *placed.sentences)
-    values = values.reshape(terrain.shape[1], terrain.shape[0])
-    return values, changes, list(_doubts(raster, values, parameter))
+    cells = values.reshape(terrain.shape[1], terrain.shape[0])
+    return cells, changes, list(_doubts(raster, cells, parameter))
 
 
 def _extent(path: Path, header: Header, x: np.ndarray, y: np.ndarray) -> Bounds:
     """West, south, east and north of places in the coordinates of a raster, and some cells more; ZoneError if it lies elsewhere."""
     known = np.isfinite(x) & np.isfinite(y)
-    edges = (x.min(where=known, initial=np.inf), y.min(where=known, initial=np.inf))
-    edges += (x.max(where=known, initial=-np.inf), y.max(where=known, initial=-np.inf))
+    low, high = (
+        [getattr(axis[known], end)(initial=start) for axis in (x, y)] for end, start in (("min", np.inf), ("max", -np.inf))
+    )
     west, south, east, north = header.bounds
-    if not (edges[0] <= east and edges[2] >= west and edges[1] <= north and edges[3] >= south):
+    if not (low[0] <= east and high[0] >= west and low[1] <= north and high[1] >= south):
         raise _nowhere(path)
     more = MARGIN * abs(header.transform[0]), MARGIN * abs(header.transform[4])
-    return edges[0] - more[0], edges[1] - more[1], edges[2] + more[0], edges[3] + more[1]
+    return low[0] - more[0], low[1] - more[1], high[0] + more[0], high[1] + more[1]
 
 
 def _nowhere(path: Path | str) -> ZoneError:
@@ -96,11 +98,14 @@ def _nowhere(path: Path | str) -> ZoneError:
 
 
 def _doubts(raster: ElevationRaster, values: np.ndarray, parameter: Parameter) -> Iterator[str]:
-    """Questions on values (nx, ny) that often mark cells beyond the mapped area: 0, or one value along the rim, far from all others.
+    """Questions on values (nx, ny) that often mark cells beyond the mapped area: 0, or one value at the rim, far from all others.
 
     What the law takes if nothing is stated may stand there without a question.
     """
-    known, remedy = values[~np.isnan(values)], "if {0:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {0:.9g} {1}"
+    known, remedy = (
+        values[~np.isnan(values)],
+        "if {0:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {0:.9g} {1}",
+    )
     for value in dict.fromkeys((0.0, _background(values))):
         share = float(np.mean(values == value))
         others = known[(known != value) & ((known != 0.0) | (value == 0.0))]
@@ -135,14 +140,18 @@ def _require_valid(raster: ElevationRaster, values: np.ndarray, points: np.ndarr
         raise _nowhere(path)
     valid = parameter.valid
     assert valid is not None  # parameters of friction have ranges
-    low = values[known] <= valid.low if valid.open_low else values[known] < valid.low
-    wrong = known[low | (values[known] > valid.high)]
+    own = values[known]
+    low = own <= valid.low if valid.open_low else own < valid.low
+    radians = (own >= SMALLEST_RADIANS) & (own <= LARGEST_RADIANS) if valid.degrees else np.zeros(len(own), bool)
+    wrong = known[low | (own > valid.high) | radians]
     if len(wrong):
         (east, north), value = points[wrong[0]], float(values[wrong[0]])
-        number = raster.stored(value)
+        number, said = raster.stored(value), valid.allowed()
+        if radians.any():
+            said = f"so small an angle looks like radians; if it is in radians, state it: gdal_edit.py -units rad {path}"
         raise ZoneError(
             f"{path}: {parameter.key} is {value:g} at easting {east:.2f}, northing {north:.2f}, {len(wrong)} cells in all; "
-            f"{valid.allowed()}; if {number:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {number:.9g} {path}"
+            f"{said}; if {number:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {number:.9g} {path}"
         )
 
 
