@@ -134,8 +134,8 @@ def read_polygons(
 ) -> PolygonLayer:
     """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages, ``key`` what chooses the layer.
 
-    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out. Slivers below a thousandth of
-    a cell of the terrain are left out with a sentence.
+    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out. Slivers below a thousandth
+    of a cell of the terrain are left out with a sentence.
 
     Raises
     ------
@@ -232,8 +232,9 @@ def _crossed(layer: PolygonLayer) -> dict[int, str]:
         reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
         at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
         found[number] = (
-            f"{path}: polygon {layer.number(number)} is not valid, {reason.strip().lower()}{at}; mend it in the GIS (QGIS: Fix geometries) "
-            f"or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose or gain area"
+            f"{path}: polygon {layer.number(number)} is not valid, {reason.strip().lower()}{at}; mend it in the "
+            f"GIS (QGIS: Fix geometries) or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose "
+            "or gain area"
         )
     return found
 
@@ -279,4 +280,7 @@ def without_overlap(
     named = ", ".join(f"{layer.number(i)} and {layer.number(j)}" for i, j in pairs[:NAMED])
     if len(pairs) > NAMED or not found.complete:
         named += f" and {'more than ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
-    return polygons, (*said, f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",)
+    return polygons, (
+        *said,
+        f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",
+    )
