@@ -8,6 +8,7 @@ import numpy as np
 from runout.errors import DemError, InputError
 from runout.io import crs as coordinate_systems
 from runout.io.elevation_raster import ElevationRaster, moved
+from runout.io.units import factor_to
 from runout.model.terrain import Terrain
 from runout.terrain.fill import filled
 from runout.terrain.source import ELEVATION, in_unit_of, north_up
@@ -27,9 +28,7 @@ def terrain(raster: ElevationRaster) -> Terrain:
     """
     stated = raster.crs
     raster = north_up(raster)
-    values, changes = known_or_nan(raster.values, raster.source)
-    raster = replace(raster, values=values, changes=(*raster.changes, *changes))
-    raster = in_unit_of(raster, ELEVATION)
+    raster = in_unit_of(without_marks(raster), ELEVATION)
     require_plausible(raster)
     raster = with_pits_told(raster)
     raster = on_metric_map(trimmed(raster))
@@ -69,6 +68,18 @@ def known_or_nan(values: np.ndarray, source: str, largest: float = LARGEST_NUMBE
     blank = ElevationRaster(np.where(disguised, np.nan, values), (1, 0, 0, 0, -1, 0), None, None, source)
     blank = blank.changed(f"{int(disguised.sum())} cells hold {numbers}, which is not declared as nodata; taken as unknown")
     return blank.values, blank.changes
+
+
+def without_marks(raster: ElevationRaster) -> ElevationRaster:
+    """The raster without undeclared marks of unknown cells; DemError if only numbers too large for elevations are left."""
+    largest = LARGEST_NUMBER / min(factor_to("m", raster.unit) or 1.0, 1.0)
+    values, changes = known_or_nan(raster.values, raster.source, largest)
+    stated = raster.values[np.isfinite(raster.values) & ~np.isin(raster.values, NODATA_VALUES)]
+    if len(stated) and np.abs(stated).min() > largest and np.ptp(stated) > 0:
+        remedy = f"state their unit, for example `gdal_edit.py -units mm {raster.source}`, or declare nodata"
+        numbers = f"{raster.stored(float(stated.min())):.9g} to {raster.stored(float(stated.max())):.9g}"
+        raise DemError(f"{raster.source}: all {len(stated)} numbers of its cells are {numbers}, no elevations in metres; {remedy}")
+    return replace(raster, values=values, changes=(*raster.changes, *changes))
 
 
 def require_plausible(raster: ElevationRaster) -> None:

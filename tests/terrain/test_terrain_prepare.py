@@ -53,6 +53,16 @@ def test_elevations_in_other_units_become_metres(geotiff, slope, unit, metres):
     assert all(unit in sentence for sentence in terrain.changes)
 
 
+def test_millimetres_are_read_with_their_unit_and_asked_about_without_it(geotiff, slope):
+    stored = (slope * 1000).astype(np.int32)
+    with pytest.raises(DemError, match=r"all 48 numbers of its cells are 1454000 to 1999000, .*gdal_edit\.py -units mm"):
+        Terrain.from_raster(geotiff(stored))
+    stored[2, 3] = -9999
+    terrain = Terrain.from_raster(geotiff(stored, unit="mm"))
+    slope[2, 3] = np.nan
+    np.testing.assert_allclose(terrain.elevation, slope)
+
+
 def test_elevations_in_an_unknown_unit_are_refused(geotiff, slope):
     with pytest.raises(DemError, match="elevations are in 'fathom'"):
         Terrain.from_raster(geotiff(slope, unit="fathom"))
