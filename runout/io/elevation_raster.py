@@ -79,6 +79,8 @@ class ElevationRaster:
         Changes so far, one sentence each.
     packing : tuple of float
         Scale and offset by which the numbers in the file became the values.
+    is_logged : bool
+        Whether changes are logged as they are made; otherwise that is left to the reader of the quantity.
     """
 
     values: np.ndarray
@@ -88,6 +90,7 @@ class ElevationRaster:
     source: str
     changes: tuple[str, ...] = ()
     packing: tuple[float, float] = (1.0, 0.0)
+    is_logged: bool = True
 
     @property
     def cell(self) -> tuple[float, float]:
@@ -116,8 +119,9 @@ class ElevationRaster:
         return (value - self.packing[1]) / self.packing[0]
 
     def changed(self, sentence: str, **fields: Any) -> "ElevationRaster":
-        """The raster with other fields; the change is recorded and logged as a warning."""
-        log.warning("%s: %s", self.source, sentence)
+        """The raster with other fields; the change is recorded, and logged as a warning."""
+        if self.is_logged:
+            log.warning("%s: %s", self.source, sentence)
         return replace(self, changes=(*self.changes, sentence), **fields)
 
     def noted(self, sentence: str, **fields: Any) -> "ElevationRaster":

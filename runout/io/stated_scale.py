@@ -16,7 +16,7 @@ from runout.io.opening import open_raster
 from runout.io.references import header, require_vrt_inside
 from runout.io.units import is_stated, metres_in
 
-SIDE_TEXTS = (".prj", ".hdr", ".sgrd", ".adf")  # that GDAL lists with a raster, besides a raster that is text itself
+SIDE_TEXTS = (".prj", ".hdr", ".sgrd")  # that GDAL lists with a raster, besides a raster that is text itself
 TEXT_GRIDS = ("AAIGrid", "GRASSASCIIGrid")
 LINE = re.compile(
     r"^[ \t]*(z_?factor|z_?scale|z_?units?|vertical_?units?|elev(?:ation)?_?(?:m_)?units?|(?:data|value)[ _]units?|unit)"
@@ -104,7 +104,7 @@ def _texts(dataset: Any) -> Iterator[str]:
     """Beginnings of the text files of a raster."""
     for name in dataset.files:
         path = Path(name)
-        is_side = path.suffix.lower() in SIDE_TEXTS and path.name.lower() not in ("hdr.adf", "sta.adf", "dblbnd.adf")
+        is_side = path.suffix.lower() in SIDE_TEXTS or path.name.lower() == "prj.adf"
         if path.is_file() and (is_side or (dataset.driver in TEXT_GRIDS and name == dataset.files[0])):
             yield header(path).decode("latin-1").replace("\r", "\n")
 

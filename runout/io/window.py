@@ -81,5 +81,5 @@ def part_of(
 def _span(one: float, other: float, count: int) -> tuple[int, int]:
     """First cell and number of cells between two positions [cells] on an axis; overlaps below 1e-6 cells do not count."""
     low, high = sorted((one, other))
-    first, last = max(math.floor(min(low, count) + 1e-6), 0), min(math.ceil(max(high, 0) - 1e-6), count)
+    first, last = max(math.floor(min(low, count) + 1e-6), 0), math.ceil(min(max(high, 0.0), count) - 1e-6)
     return first, last - first

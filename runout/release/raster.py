@@ -11,7 +11,7 @@ from runout.io.polygon_reproject import raster_on_terrain
 from runout.io.window import LARGEST_WHOLE, Bounds
 from runout.model.limits import LIMITS
 from runout.model.terrain import Terrain
-from runout.terrain.source import THICKNESS, errors_as, in_unit_of, north_up, open_source, require_straight
+from runout.terrain.source import THICKNESS, errors_as, north_up_in_unit_of, open_source, require_straight
 
 MARGIN = 8  # cells of a huge raster that are read around the terrain, to detect a release that extends beyond it
 EDGE_POINTS = 33  # points along each side of the terrain: straight edges become curves in another system
@@ -30,7 +30,7 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
         require_straight(header.transform, header.source, THICKNESS.name)
         placed = to_terrain(path, header.crs, terrain, header.bounds, "gdalwarp")
         extent, sentences = _needed(path, header, placed, terrain)
-        raster = in_unit_of(north_up(source.read(extent)), THICKNESS)
+        raster = north_up_in_unit_of(source.read(extent), THICKNESS)
     values = _values(path, raster)[::-1]
     changes = (*(f"{path}: {change}." for change in raster.changes), *sentences)
     a, _, c, _, e, f = raster.transform

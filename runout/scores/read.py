@@ -18,7 +18,7 @@ from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.thalweg import Thalweg
 from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan
-from runout.terrain.source import Quantity, in_unit_of, north_up, open_source
+from runout.terrain.source import Quantity, north_up_in_unit_of, open_source
 
 NAMES_OF_MAPS = {"thickness": ("max_flow_thickness", "flow_thickness"), "deposit": ("deposit_thickness",), "speed": ("max_speed",)}
 NAMES_OF_MAPS |= {"pressure": ("max_pressure",), "arrival": ("arrival_time",)}
@@ -63,7 +63,7 @@ def read_map(
     with observation_errors(), open_source(path, shown) as source:
         raster = source.read(None)
         values, blank = known_or_nan(raster.values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)
-        raster = in_unit_of(north_up(replace(raster, values=values, changes=(*raster.changes, *blank))), shown)
+        raster = north_up_in_unit_of(replace(raster, values=values, changes=(*raster.changes, *blank)), shown)
     crs = raster.crs.to_wkt() if raster.crs else None
     values = raster.values
     if quantity != "change" and (values < 0).any():

@@ -17,7 +17,7 @@ from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.limits import LARGEST_RADIANS, SMALLEST_RADIANS
 from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
-from runout.terrain.source import errors_as, in_unit_of, north_up, of_parameter, open_source, require_straight
+from runout.terrain.source import errors_as, north_up_in_unit_of, of_parameter, open_source, require_straight
 
 log = logging.getLogger(__name__)
 
@@ -66,7 +66,7 @@ def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.nda
         require_straight(header.transform, header.source, parameter.key)
         placed = to_terrain(path, header.crs, terrain, header.bounds, "gdalwarp")
         x, y = (points if placed.inverse is None else placed.inverse(points)).T
-        raster = in_unit_of(north_up(source.read(_extent(path, header, x, y))), quantity)
+        raster = north_up_in_unit_of(source.read(_extent(path, header, x, y)), quantity)
     west, north, (width, height) = raster.transform[2], raster.transform[5], raster.cell
     with np.errstate(invalid="ignore"):  # a place that has none in the system of the raster
         column, row = (x - west) / width, (north - y) / height

@@ -7,7 +7,7 @@ quantity. GeoTIFF, ESRI ASCII grid, NetCDF, anything else that GDAL reads.
 import difflib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Protocol
@@ -234,6 +234,11 @@ def in_unit_of(raster: ElevationRaster, quantity: Quantity) -> ElevationRaster:
     if factor == 1.0:
         return raster
     return raster.scaled(factor).changed(f"{quantity.values} were in {unit}; multiplied by {factor:.10g}")
+
+
+def north_up_in_unit_of(raster: ElevationRaster, quantity: Quantity) -> ElevationRaster:
+    """The raster north up and in the unit of its quantity; the caller logs its changes."""
+    return in_unit_of(north_up(replace(raster, is_logged=False)), quantity)
 
 
 def _is_not_in_metres(crs: object) -> bool:

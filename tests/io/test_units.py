@@ -103,3 +103,10 @@ def test_units_of_other_quantities_are_those_of_their_kind():
     )
     assert factor_to("deg", "radians") == pytest.approx(57.29577951308232)
     assert factor_to("", "deg") is factor_to("deg", "m") is factor_to("m/s2", "m") is factor_to("Pa", "m/s") is None
+
+
+def test_a_change_of_a_thickness_raster_is_logged_once(tmp_path, caplog):
+    terrain = runout.Terrain.from_array(np.full((4, 4), 100.0), 10.0, "EPSG:32632", (500_000, 5_000_000))
+    with caplog.at_level("WARNING"):
+        runout.Release.from_raster(write(tmp_path / "thickness.tif", unit="ft"), terrain, placement="on_surface")
+    assert caplog.text.count("multiplied by 0.3048") == 1

@@ -9,8 +9,8 @@ import shapely
 
 from runout import Terrain
 from runout.errors import DemError
+from runout.io.polygon_coverage import within_extent
 from runout.terrain.obstacles import narrowest
-from runout.terrain.overlay import within_extent
 
 WEST, SOUTH, CELL = 600_000.0, 5_200_000.0, 10.0
 
