@@ -111,7 +111,7 @@ def _doubts(raster: ElevationRaster, values: np.ndarray, parameter: Parameter) -
         others = known[(known != value) & ((known != 0.0) | (value == 0.0))]
         is_far = value == 0.0 or (len(others) > 0 and (others.min() >= FAR * value or others.max() <= value / FAR))
         if share and is_far and value != parameter.default:
-            said = f"{parameter.key} is {value:g} on {100 * share:.2g} % of the cells of the terrain"
+            said = f"{parameter.key} is {value:g} on {100 * share:.3g} % of the cells of the terrain"
             others_are = f", {others.min():.4g} to {others.max():.4g} on the others" if len(others) else ""
             yield f"{raster.source}: {said}{others_are}; {remedy.format(raster.stored(value), raster.source)}"
 

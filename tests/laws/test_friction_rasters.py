@@ -139,7 +139,7 @@ def test_a_value_around_the_mapped_area_that_hardly_is_meant_is_asked_about(tmp_
     zones = angles(folder, terrain, beside(background), nodata=None)
     share = float(np.mean(zones.gridded["friction"][1] < 0.1))
     (asked,) = zones.warnings
-    assert f"friction_angle_deg is {background:g} on {100 * share:.2g} % of the cells of the terrain, 25 to 25" in asked
+    assert f"friction_angle_deg is {background:g} on {100 * share:.3g} % of the cells of the terrain, 25 to 25" in asked
     assert f"gdal_edit.py -a_nodata {np.float32(background):.9g} " in asked
     assert asked in zones.changes
 

@@ -118,7 +118,7 @@ def vrt(folder, names, band="", kind="SimpleSource", more=""):
     )
     (folder / "dem.vrt").write_text(
         f'<VRTDataset rasterXSize="{COLUMNS}" rasterYSize="{ROWS}"><SRS>EPSG:32632</SRS>'
-        f'<GeoTransform>{WEST}, 10, 0, {NORTH}, 0, -10</GeoTransform>'
+        f"<GeoTransform>{WEST}, 10, 0, {NORTH}, 0, -10</GeoTransform>"
         f'<VRTRasterBand dataType="Float64" band="1">{band}{sources}</VRTRasterBand></VRTDataset>'
     )
     return folder / "dem.vrt"
