@@ -222,6 +222,8 @@ def open_vector(path: Path, error: type[InputError]) -> VectorFile:
         Of the given kind, if it is not a regular file of a known format, or refers to files that are not read.
     """
     absolute = require_regular(path, error)
+    if ";" in str(absolute) or "!" in str(absolute):  # pyogrio takes them for parts of an address
+        raise error(f"{path}: ';' and '!' in the path of a vector file cannot be read; rename the file or its folder")
     if absolute.is_dir():
         if not any(absolute.glob("*.gdbtable")):
             raise error(f"{path}: is a folder; name the vector file in it")
