@@ -1,4 +1,4 @@
-"""Elevation raster with the georeference and units of its file."""
+"""Raster of elevations or of another quantity, with the georeference and units of its file."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -60,25 +60,29 @@ class Header:
 
 @dataclass(frozen=True)
 class ElevationRaster:
-    """Elevations with the georeference that their file states.
+    """Elevations, or values of another quantity, with the georeference that their file states.
 
     Parameters
     ----------
     values : ndarray (rows, columns)
-        Elevation in ``unit``, float64, rows as in the file; NaN where the file marks a cell as unknown.
+        In ``unit``, float64, rows as in the file; NaN where the file marks a cell as unknown.
     transform : tuple of float
         GDAL-like affine map ``(a, b, c, d, e, f)``: ``x = a column + b row + c``, ``y = d column + e row + f``
         from the outer corner of cell (0, 0).
     crs : pyproj.CRS or None
         Horizontal coordinate reference system; None if neither the file nor the caller names one.
     unit : str or None
-        Unit of the elevations; None if not stated.
+        Unit of the values; None if not stated.
     source : str
         For messages.
     changes : tuple of str
         Changes so far, one sentence each.
     assumption : str
         Sentence on a system that the file does not fully state; a system that the caller names replaces it. Empty if it states one.
+    packing : tuple of float
+        Scale and offset by which the numbers in the file became the values.
+    is_logged : bool
+        Whether changes are logged as they are made; otherwise that is left to the reader of the quantity.
     """
 
     values: np.ndarray
@@ -88,6 +92,8 @@ class ElevationRaster:
     source: str
     changes: tuple[str, ...] = ()
     assumption: str = ""
+    packing: tuple[float, float] = (1.0, 0.0)
+    is_logged: bool = True
 
     @property
     def cell(self) -> tuple[float, float]:
@@ -106,9 +112,19 @@ class ElevationRaster:
         """Outer edges ``(west, south, east, north)`` in map units, for a raster that is not rotated."""
         return bounds_of(self.transform, (self.values.shape[0], self.values.shape[1]))
 
+    def scaled(self, scale: float, offset: float = 0.0) -> "ElevationRaster":
+        """The raster with its values times a scale plus an offset."""
+        packing = scale * self.packing[0], scale * self.packing[1] + offset
+        return replace(self, values=self.values * scale + offset, packing=packing)
+
+    def stored(self, value: float) -> float:
+        """The number in the file that stands for a value."""
+        return (value - self.packing[1]) / self.packing[0]
+
     def changed(self, sentence: str, **fields: Any) -> "ElevationRaster":
-        """The raster with other fields; the change is recorded and logged as a warning."""
-        log.warning("%s: %s", self.source, sentence)
+        """The raster with other fields; the change is recorded, and logged as a warning."""
+        if self.is_logged:
+            log.warning("%s: %s", self.source, sentence)
         return replace(self, changes=(*self.changes, sentence), **fields)
 
     def noted(self, sentence: str, **fields: Any) -> "ElevationRaster":

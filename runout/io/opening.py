@@ -17,7 +17,7 @@ from typing import Any
 
 from runout.errors import InputError
 from runout.io.boundary import exists, require_regular
-from runout.io.georeference import require_own_grids
+from runout.io.georeference import FARTHEST, require_own_grids
 from runout.io.hdf5 import require_own_storage
 from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
 from runout.io.source_kinds import FLATGEOBUF, GEODATABASE, PARTS, SHAPEFILE, SQLITE, is_json, with_file
@@ -231,7 +231,20 @@ class VectorFile:
         with _reading(self):
             frame = geopandas.read_file(self.target, layer=layer, engine="pyogrio", on_invalid="raise")
             require_own_grids(frame.crs.to_wkt() if frame.crs else "", self.path, self.error)
+        self._require_usable(frame)
         return frame, str(information["driver"])
+
+    def _require_usable(self, frame: Any) -> None:
+        """Raise an error if a coordinate is not finite, or farther from the origin than a map reaches."""
+        import numpy as np
+        import shapely
+
+        points, feature = shapely.get_coordinates(frame.geometry.to_numpy(), return_index=True)
+        wrong = np.argwhere(~(np.abs(points) <= FARTHEST))
+        if len(wrong):
+            value, number = points[tuple(wrong[0])], int(feature[wrong[0, 0]]) + 1
+            remedy = f"coordinates are finite and at most {FARTHEST:g}; correct the point, or delete the feature"
+            raise self.error(f"{self.path}: feature {number} of {len(frame)} has the coordinate {value:g}; {remedy}")
 
 
 def open_vector(path: Path, error: type[InputError]) -> VectorFile:

@@ -185,7 +185,8 @@ def regrid_within(
     """
     bounds_x, _, source_x, target_x = common_intervals(edges[0], to_edges[0])
     bounds_y, _, source_y, target_y = common_intervals(edges[1], to_edges[1])
-    covered = covered_area(_clipped(outline, bounds_x, bounds_y), bounds_x, bounds_y)
+    (clipped,) = within_extent(np.array([outline]), (bounds_x[0], bounds_y[0], bounds_x[-1], bounds_y[-1]))
+    covered = covered_area(clipped, bounds_x, bounds_y)
     shape = thickness.shape
     cell_of, column_of = (source_x[:, None] * shape[1] + source_y), (target_x[:, None] * (len(to_edges[1]) - 1) + target_y)
     in_cell = np.bincount(cell_of.ravel(), covered.ravel(), thickness.size)
@@ -199,8 +200,18 @@ def regrid_within(
     return result.reshape(to_shape) / np.outer(np.diff(to_edges[0]), np.diff(to_edges[1]))
 
 
-def _clipped(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> Any:
+def within_extent(shapes: np.ndarray, extent: tuple[float, float, float, float]) -> np.ndarray:
+    """Parts (n,) of polygons inside a rectangle.
+
+    A general intersection sorts all edges: 20 s for a jagged outline of 200,000 points, where cutting at a rectangle takes 0.01 s.
+    """
     import shapely
 
-    window = shapely.box(edges_x[0], edges_y[0], edges_x[-1], edges_y[-1])
-    return outline if window.covers(outline) else shapely.intersection(outline, window)
+    cut = shapely.clip_by_rect(shapes, *extent)
+    edges = shapely.bounds(shapes)
+    whole = (edges[:, :2] >= extent[:2]).all(axis=1) & (edges[:, 2:] <= extent[2:]).all(axis=1)
+    cut[whole] = shapes[whole]
+    broken = ~whole
+    broken[broken] = ~shapely.is_valid(cut[broken])
+    cut[broken] = shapely.intersection(shapes[broken], shapely.box(*extent))
+    return cut  # type: ignore[no-any-return]

@@ -1,11 +1,13 @@
 """Finds overlapping polygons in bounded time, and cuts polygons so that none overlap."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
+SLIVER = 1e-3  # cells of the terrain: smaller polygons and overlaps are what a GIS overlay leaves along shared borders
 MOST_PAIRS = 30_000  # pairs with overlapping bounding boxes; with more pairs, polygons of equal value are united instead of cut
 
 
@@ -20,9 +22,11 @@ class Overlaps:
     area : ndarray (m,)
         The common area [m2].
     counts : ndarray (m,) of bool
-        Whether it is more than round-off.
+        Whether it is more than round-off and than a sliver.
     complete : bool
         False if there are too many pairs to examine all of them.
+    slivers : ndarray (m,) of bool
+        Whether it is more than round-off and less than a sliver.
     """
 
     first: np.ndarray
@@ -30,10 +34,22 @@ class Overlaps:
     area: np.ndarray
     counts: np.ndarray
     complete: bool
+    slivers: np.ndarray
+
+    def said_of_slivers(self, source: Path) -> tuple[str, ...]:
+        """A sentence on the slivers, if there are such."""
+        if not self.slivers.any():
+            return ()
+        few, area = int(self.slivers.sum()), float(self.area[self.slivers].sum())
+        of = f"{source}: {few} overlaps of polygons below {SLIVER:g} cells of the terrain"
+        return (f"{of}, {area:.3g} m2 in all, are left to the first polygon of each pair.",)
 
 
-def overlaps_of(polygons: np.ndarray, values: np.ndarray | None) -> Overlaps:
-    """Overlaps of polygons (n,). If there are too many pairs, those of different ``values`` (n,) are examined first."""
+def overlaps_of(polygons: np.ndarray, values: np.ndarray | None, least: float = 0.0) -> Overlaps:
+    """Overlaps of polygons (n,); those below a ``least`` area [m2] are slivers.
+
+    If there are too many pairs, those of different ``values`` (n,) are examined first.
+    """
     import shapely
 
     first, second = shapely.STRtree(polygons).query(polygons)
@@ -48,7 +64,8 @@ def overlaps_of(polygons: np.ndarray, values: np.ndarray | None) -> Overlaps:
     some = common > 0
     first, second, common = first[some], second[some], common[some]
     areas = shapely.area(polygons)
-    return Overlaps(first, second, common, common > OVERLAP * np.minimum(areas[first], areas[second]), complete)
+    beyond = common > OVERLAP * np.minimum(areas[first], areas[second])
+    return Overlaps(first, second, common, beyond & (common >= least), complete, beyond & (common < least))
 
 
 def cut(polygons: np.ndarray, values: np.ndarray | None, found: Overlaps) -> np.ndarray:

@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from runout.errors import ReleaseError
 from runout.io.boundary import exists, names_in
 from runout.io.opening import open_vector
-from runout.io.polygon_overlap import cut, overlaps_of
+from runout.io.polygon_overlap import SLIVER, cut, overlaps_of
 from runout.io.polygon_reproject import polygons_on_terrain
 from runout.model.limits import checked, checked_within
 from runout.model.parameters import Parameter
@@ -42,12 +42,19 @@ class PolygonLayer:
         One row a polygon.
     changes : tuple of str
         Assumptions and changes, one sentence each.
+    least_area : float
+        Area [m2] below which a common part of polygons is a sliver of an overlay.
     """
 
     source: Path
     polygons: np.ndarray
     attributes: Any
     changes: tuple[str, ...] = ()
+    least_area: float = 0.0
+
+    def number(self, row: int) -> int:
+        """Number of a polygon among the features of the file, from 1."""
+        return int(self.attributes.index[row]) + 1
 
     def numbers(self, attribute: str, what: str) -> np.ndarray:
         """Values (n,) of a numeric attribute; ReleaseError if it is missing, not numeric, or has empty values."""
@@ -65,7 +72,7 @@ class PolygonLayer:
             first = unusable[0]
             found = "empty" if is_missing(stated.iloc[first]) else repr(stated.iloc[first])
             raise ReleaseError(
-                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {found}; "
+                f"{self.source}: attribute {attribute!r} of polygon {self.number(first)} is {found}; "
                 f"every polygon needs a number for its {what}"
             )
         return values
@@ -84,8 +91,9 @@ class PolygonLayer:
         if not isinstance(given, str):
             return np.full(len(self.polygons), checked(quantity, given, place=place, key=key, error=ReleaseError))
         values = self.numbers(given, key or quantity.replace("_", " "))
-        for number, value in enumerate(values, 1):
-            checked(quantity, float(value), place=place, key=f"attribute {given!r} of polygon {number}", error=ReleaseError)
+        for row, value in enumerate(values):
+            key = f"attribute {given!r} of polygon {self.number(row)}"
+            checked(quantity, float(value), place=place, key=key, error=ReleaseError)
         return values
 
     def within(self, given: float | str, parameter: Parameter) -> np.ndarray:
@@ -95,8 +103,8 @@ class PolygonLayer:
             what = f"{self.source}: {parameter.key}"
             return np.full(len(self.polygons), checked_within(parameter.valid, what, given, error=ReleaseError))
         values = self.numbers(given, parameter.key)
-        for number, value in enumerate(values.tolist(), 1):
-            what = f"{self.source}: attribute {given!r} of polygon {number}"
+        for row, value in enumerate(values.tolist()):
+            what = f"{self.source}: attribute {given!r} of polygon {self.number(row)}"
             checked_within(parameter.valid, what, value, error=ReleaseError)
         return values
 
@@ -126,7 +134,8 @@ def read_polygons(
 ) -> PolygonLayer:
     """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages, ``key`` what chooses the layer.
 
-    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out.
+    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out. Slivers below a thousandth
+    of a cell of the terrain are left out with a sentence.
 
     Raises
     ------
@@ -134,19 +143,29 @@ def read_polygons(
         Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
         features without a geometry, or polygons that cross themselves (with the place).
     """
+    drawn = read_drawn(path, terrain, layer, what, key)
+    geometry, crossed = drawn.polygons, _crossed(drawn)
+    if crossed and faults is None:
+        raise ReleaseError(next(iter(crossed.values())))
+    if faults is not None:
+        faults += crossed.values()
+    sound = np.array([row not in crossed for row in range(len(geometry))])
+    return replace(drawn, polygons=geometry[sound], attributes=drawn.attributes[sound])
+
+
+def read_drawn(path: Path, terrain: Terrain, layer: str | None, what: str, key: str = "layer") -> PolygonLayer:
+    """:func:`read_polygons` without the check, slow for many points, that no polygon crosses itself."""
     frame, driver = read_frame(path, layer, what, key)
     if len(frame) == 0:
         raise ReleaseError(f"{path}: the layer is empty; draw at least one {what} polygon")
     frame, changes = polygons_on_terrain(path, frame, driver, terrain)
     geometry = frame.geometry.force_2d().to_numpy()
     _require_polygons(path, geometry, what)
-    attributes, crossed = frame.drop(columns=frame.geometry.name), _crossed(path, geometry)
-    if crossed and faults is None:
-        raise ReleaseError(next(iter(crossed.values())))
-    if faults is not None:
-        faults += crossed.values()
-    sound = np.array([number not in crossed for number in range(len(geometry))])
-    return PolygonLayer(path, geometry[sound], attributes[sound], changes)
+    least = SLIVER * terrain.cell_area
+    geometry, said = _without_slivers(path, geometry, least)
+    left = np.array([one is not None for one in geometry])
+    attributes = frame.drop(columns=frame.geometry.name).reset_index(drop=True)
+    return PolygonLayer(path, geometry[left], attributes[left], (*changes, *said), least)
 
 
 def read_frame(path: Path, layer: str | None, what: str, key: str = "layer") -> tuple[Any, str]:
@@ -184,17 +203,40 @@ def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:
         raise ReleaseError(f"{path}: holds {' and '.join(other)}; draw polygons around the {what}")
 
 
-def _crossed(path: Path, geometry: np.ndarray) -> dict[int, str]:
+def _without_slivers(path: Path, geometry: np.ndarray, least: float) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Polygons (n,) without parts below a ``least`` area [m2], None for those that are nothing else; a sentence if there are such.
+
+    If all parts are as small, the layer was drawn so, and stays.
+    """
+    import shapely
+
+    parts, row = shapely.get_parts(geometry, return_index=True)
+    small = shapely.area(parts) < least
+    hull = shapely.area(shapely.convex_hull(parts[small]))  # the lobes of a ring that crosses itself take off from each other
+    small[small] = shapely.is_valid(parts[small]) | (hull < least)
+    if not small.any() or small.all():
+        return geometry, ()
+    kept = geometry.copy()
+    for number in np.unique(row[small]):
+        own = parts[(row == number) & ~small]
+        kept[number] = shapely.MultiPolygon(list(own)) if len(own) else None
+    area = float(shapely.area(parts[small]).sum())
+    said = f"{path}: {int(small.sum())} slivers below {SLIVER:g} cells of the terrain are left out, {area:.3g} m2 in all."
+    return kept, (said,)
+
+
+def _crossed(layer: PolygonLayer) -> dict[int, str]:
     """Messages on the polygons that are not valid, by their rows."""
     import shapely
 
-    found = {}
+    found, path, geometry = {}, layer.source, layer.polygons
     for number in np.flatnonzero(~shapely.is_valid(geometry)).tolist():
         reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
         at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
         found[number] = (
-            f"{path}: polygon {number + 1} is not valid, {reason.strip().lower()}{at}; mend it in the GIS (QGIS: Fix geometries) "
-            f"or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose or gain area"
+            f"{path}: polygon {layer.number(number)} is not valid, {reason.strip().lower()}{at}; mend it in the "
+            f"GIS (QGIS: Fix geometries) or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose "
+            "or gain area"
         )
     return found
 
@@ -222,21 +264,25 @@ def without_overlap(
     """
     import shapely
 
-    found = overlaps_of(layer.polygons, values)
+    found = overlaps_of(layer.polygons, values, layer.least_area)
     first, second, common, counts = found.first, found.second, found.area, found.counts
     for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
         if values is not None and values[i] != values[j]:
             one, other = (told[k] if told else f"{values[k]:g}{unit}" for k in (i, j))
             raise ReleaseError(
-                f"{layer.source}: polygons {i + 1} ({one}) and {j + 1} ({other}) overlap by "
+                f"{layer.source}: polygons {layer.number(i)} ({one}) and {layer.number(j)} ({other}) overlap by "
                 f"{area:.6g} m2; cut one of them back so that every place has one {what}"
             )
     polygons = cut(layer.polygons, values, found)
+    said = found.said_of_slivers(layer.source)
     if not counts.any():
-        return polygons, ()
+        return polygons, said
     total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()
     pairs = sorted(zip(first[counts].tolist(), second[counts].tolist(), strict=True))
-    named = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs[:NAMED])
+    named = ", ".join(f"{layer.number(i)} and {layer.number(j)}" for i, j in pairs[:NAMED])
     if len(pairs) > NAMED or not found.complete:
         named += f" and {'more than ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
-    return polygons, (f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",)
+    return polygons, (
+        *said,
+        f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",
+    )

@@ -69,7 +69,7 @@ def part_of(
     west, south, east, north = extent
     columns = _span((west - c) / a, (east - c) / a, shape[1])
     rows = _span((south - f) / e, (north - f) / e, shape[0])
-    if min(columns[1], rows[1]) < NEVER_BELOW:
+    if columns[1] < min(NEVER_BELOW, shape[1]) or rows[1] < min(NEVER_BELOW, shape[0]):
         stated, held = (f"{', '.join(f'{edge:.10g}' for edge in edges)}" for edges in (extent, bounds_of(transform, shape)))
         raise error(
             f"{source}: the extent [{stated}] covers {max(columns[1], 0)} x {max(rows[1], 0)} cells of the raster, which spans "
@@ -81,5 +81,5 @@ def part_of(
 def _span(one: float, other: float, count: int) -> tuple[int, int]:
     """First cell and number of cells between two positions [cells] on an axis; overlaps below 1e-6 cells do not count."""
     low, high = sorted((one, other))
-    first, last = max(math.floor(min(low, count) + 1e-6), 0), min(math.ceil(max(high, 0) - 1e-6), count)
+    first, last = max(math.floor(min(low, count) + 1e-6), 0), math.ceil(min(max(high, 0.0), count) - 1e-6)
     return first, last - first

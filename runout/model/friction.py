@@ -45,6 +45,8 @@ class FrictionZones:
         of the mass, and what zones add.
     gridded : dict of str to pair of ndarray (nx, ny)
         The same for numbers that rasters state; zones change these in place of those of the mass.
+    warnings : tuple of str
+        Those of the ``changes`` that ask whether a value is meant.
     """
 
     factor: np.ndarray
@@ -55,6 +57,7 @@ class FrictionZones:
     changes: tuple[str, ...] = ()
     replaced: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     gridded: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     _kinds: dict[str, Kinds] = field(default_factory=dict, init=False, repr=False, compare=False)  # by law, once asked for
 
     def __post_init__(self) -> None:

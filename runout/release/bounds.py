@@ -8,9 +8,9 @@ import numpy as np
 
 from runout.errors import ReleaseError
 from runout.io.layer_crs import stated_crs
-from runout.io.opening import open_raster, require_room
 from runout.io.polygons import read_frame
 from runout.io.window import LARGEST_WHOLE, Bounds, bounds_of
+from runout.terrain.source import THICKNESS, errors_as, open_source
 
 
 @dataclass(frozen=True)
@@ -48,18 +48,16 @@ def thickness_bounds(path: Path, remedy: str) -> Place:
     ReleaseError
         If the file cannot be read, holds no thickness, or is so large that its extent must be stated: ``remedy`` says how.
     """
-    with open_raster(path, ReleaseError) as raster:
-        rows, columns = raster.shape
-        if rows * columns > LARGEST_WHOLE:
+    with errors_as(ReleaseError), open_source(path, THICKNESS) as source:
+        rows, columns = source.header.shape
+        if source.header.cells > LARGEST_WHOLE:
             raise ReleaseError(f"{path}: {columns} x {rows} cells are too many to look for the release in; {remedy}")
-        require_room(rows, columns, path, ReleaseError)
-        values, transform = raster.read(1, masked=True).filled(0), tuple(raster.transform)[:6]
-        crs = stated_crs(raster.crs.to_wkt() if raster.crs else None)
-    held = np.nan_to_num(values) != 0
+        raster = source.read(None)
+    held = np.nan_to_num(raster.values) != 0
     if not held.any():
         raise ReleaseError(f"{path}: the release is empty; the raster is 0 or nodata everywhere")
     used = [np.flatnonzero(held.any(axis=1 - axis)) for axis in (0, 1)]
-    a, b, c, d, e, f = transform
+    a, b, c, d, e, f = raster.transform
     corner = a, b, c + a * used[1][0], d, e, f + e * used[0][0]
     shape = int(used[0][-1] - used[0][0]) + 1, int(used[1][-1] - used[1][0]) + 1
-    return Place(bounds_of(corner, shape), crs)
+    return Place(bounds_of(corner, shape), stated_crs(raster.crs))

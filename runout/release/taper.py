@@ -162,7 +162,8 @@ def _outlined(piece: Any, tree: Any, polygons: np.ndarray, depths: np.ndarray, t
     local = shapely.transform(piece, terrain.frame.to_local)
     (x, y), area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
     window, covered = (slice(rows - y.stop, rows - y.start), x), np.ascontiguousarray(area.T[::-1])
-    volume = float(np.sum(depths[own] * shapely.area(shapely.intersection(polygons[own], piece))))
+    common = shapely.area(shapely.intersection(polygons[own], piece)) if len(own) > 1 else piece.area  # slow for many points
+    volume = float(np.sum(depths[own] * common))
     lattice = _Lattice.over(piece, terrain, finest)
     if not lattice.resolves(piece):
         return _Outlined(window, covered, volume, None, np.zeros((0, 0)))

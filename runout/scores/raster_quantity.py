@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 from runout.errors import ObservationError
-from runout.io.band import METRES, UNITS, word_of
 from runout.io.opening import open_raster
+from runout.io.units import OTHER_UNITS, UNITS_OF_MAPS, factor_to, is_stated
 from runout.scores.flow import TITLES
 
 NAMED = {  # words of file names; those of runout's own maps are among them
@@ -39,6 +39,6 @@ def raster_quantity(path: Path) -> tuple[str, tuple[str, ...]]:
 def _by_unit(path: Path) -> str | None:
     """The one quantity that has the unit of a raster; None without a unit, or if several have it."""
     with open_raster(path, ObservationError) as file:
-        unit = word_of(file.units[0] if file.units else None)
-    fitting = [name for name, units in UNITS.items() if unit and unit not in METRES and unit in units]
+        unit = file.units[0] if file.units else None
+    fitting = [name for name, si in UNITS_OF_MAPS.items() if si in OTHER_UNITS and is_stated(unit) and factor_to(si, unit)]
     return fitting[0] if len(fitting) == 1 else None

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -9,19 +10,18 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError, ObservationError, ReleaseError
-from runout.io.band import unpacked
-from runout.io.boundary import exists
-from runout.io.elevation_raster import ElevationRaster
-from runout.io.georeference import require_usable
-from runout.io.opening import open_raster, require_room
 from runout.io.polygon_reproject import polygons_on_terrain
 from runout.io.polygons import PolygonLayer, read_frame, read_polygons
+from runout.io.units import UNITS_OF_MAPS
 from runout.model.terrain import Terrain
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.thalweg import Thalweg
-from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan, north_up
+from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan
+from runout.terrain.source import Quantity, north_up_in_unit_of, open_source
 
+NAMES_OF_MAPS = {"thickness": ("max_flow_thickness", "flow_thickness"), "deposit": ("deposit_thickness",), "speed": ("max_speed",)}
+NAMES_OF_MAPS |= {"pressure": ("max_pressure",), "arrival": ("arrival_time",)}
 LARGEST_PRESSURE = 1e12  # [Pa] beyond this a number marks an unknown cell
 
 
@@ -59,21 +59,12 @@ def read_map(
     ObservationError
         Missing or unreadable file, several bands, no georeference, rotated, or negative values where there are none.
     """
-    if not exists(path):
-        raise ObservationError(f"{path}: no such file; check the path of the raster")
-    with open_raster(path, ObservationError) as file, observation_errors():
-        require_usable(tuple(file.transform)[:6], path, ObservationError)
-        if file.count != 1:
-            raise ObservationError(f"{path}: has {file.count} bands; keep one of them: gdal_translate -b 1 {path} one.tif")
-        if file.transform.is_identity:
-            raise ObservationError(f"{path}: has no georeference; add one: gdal_translate -a_ullr WEST NORTH EAST SOUTH")
-        require_room(file.height, file.width, path, ObservationError)
-        values = file.read(1, masked=True).astype(np.float64).filled(np.nan)
-        crs = file.crs.to_wkt() if file.crs else None
-        values, blank = known_or_nan(values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)
-        values, packing = unpacked(file, values, path, quantity, ObservationError)
-        said = (*blank, *packing)
-        raster = north_up(ElevationRaster(values, tuple(file.transform)[:6], None, None, str(path), said))
+    shown = Quantity(quantity, UNITS_OF_MAPS[quantity], ObservationError, (quantity, *NAMES_OF_MAPS.get(quantity, ()), "band1"))
+    with observation_errors(), open_source(path, shown) as source:
+        raster = source.read(None)
+        values, blank = known_or_nan(raster.values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)
+        raster = north_up_in_unit_of(replace(raster, values=values, changes=(*raster.changes, *blank)), shown)
+    crs = raster.crs.to_wkt() if raster.crs else None
     values = raster.values
     if quantity != "change" and (values < 0).any():
         remedy = f"values of {quantity} are 0 or more; declare those that mark cells without a value: gdal_edit.py -a_nodata"

@@ -1,23 +1,28 @@
 """Rasters of friction parameters, sampled on the cells of the terrain."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
-from runout.errors import ReleaseError, ZoneError
-from runout.io.band import unpacked
-from runout.io.boundary import exists
-from runout.io.georeference import require_usable
+from runout.errors import ZoneError
+from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.layer_crs import to_terrain
-from runout.io.opening import open_raster
-from runout.io.window import bounds_of
+from runout.io.window import Bounds
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
+from runout.model.limits import LARGEST_RADIANS, SMALLEST_RADIANS
 from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
+from runout.terrain.source import errors_as, north_up_in_unit_of, of_parameter, open_source, require_straight
+
+log = logging.getLogger(__name__)
+
+MARGIN = 3  # cells of a raster that are read around the terrain
+FAR = 10.0  # ratio of a value to all others beyond which it hardly states ground
 
 
 def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Terrain, *, law: str | None = None) -> FrictionZones:
@@ -33,47 +38,91 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     unknown = [key for key in paths if key not in of_law]
     if unknown:
         raise ZoneError(f"friction_rasters: the friction law {chosen.name} has no {unknown[0]}; choose among {', '.join(of_law)}")
-    gridded, said = {}, []
+    gridded, said, warnings = {}, [], []
     for key, path in paths.items():
         parameter, number = of_law[key]
-        values, sentences = _sampled(Path(path), terrain, parameter)
+        values, sentences, doubts = _sampled(Path(path), terrain, parameter)
         gridded[number] = np.isnan(values).astype(float), _numbers(values, chosen, parameter, number)
         known = values[np.isfinite(values)]
         said += [*sentences, f"{path}: {key} is {known.min():.4g} to {known.max():.4g} on {len(known)} cells of the terrain."]
+        warnings += doubts
+    for warning in warnings:
+        log.warning(warning)
     ones = np.ones((terrain.shape[1], terrain.shape[0]))
-    source = ", ".join(map(str, paths.values()))
-    return FrictionZones(ones, np.zeros_like(ones), terrain.cell_size, (), source, tuple(said), gridded=gridded)
+    source, changes = ", ".join(map(str, paths.values())), (*said, *warnings)
+    return FrictionZones(
+        ones, np.zeros_like(ones), terrain.cell_size, (), source, changes, gridded=gridded, warnings=tuple(warnings)
+    )
 
 
-def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Values (nx, ny) of the raster cells that hold the centres of the cells of a terrain, NaN where there is none."""
-    if not exists(path):
-        raise ZoneError(f"{path}: no such file; check the path of the raster of {parameter.key}")
-    try:
-        with open_raster(path, ZoneError) as raster:
-            transform = tuple(raster.transform)[:6]
-            require_usable(transform, path, ZoneError)
-            if raster.count != 1:
-                raise ZoneError(f"{path}: has {raster.count} bands; keep one: gdal_translate -b 1 {path} {parameter.name}.tif")
-            if raster.transform.is_identity or not raster.transform.is_rectilinear:
-                raise ZoneError(f"{path}: has no georeference or is rotated; warp it to the terrain: gdalwarp {path} warped.tif")
-            crs = raster.crs.to_wkt() if raster.crs else None
-            found = to_terrain(path, crs, terrain, bounds_of(transform, raster.shape), "gdalwarp")
-            stored = raster.read(1, masked=True).astype(np.float64)
-            numbers, packing = unpacked(raster, stored, path, parameter.key, ZoneError)
-            band = np.ma.filled(numbers, np.nan)
-    except ReleaseError as error:  # the readers of coordinate systems are those of a release
-        raise ZoneError(str(error)) from error
-    points = _centres(terrain)
-    x, y = (points if found.inverse is None else found.inverse(points)).T
-    column, row = (np.floor((place - origin) / size).astype(np.int64) for place, origin, size in (
-        (x, transform[2], transform[0]), (y, transform[5], transform[4]),
-    ))  # fmt: skip
-    inside = (row >= 0) & (row < band.shape[0]) & (column >= 0) & (column < band.shape[1])
+def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
+    """Values (nx, ny) of the raster cells that hold the centres of the cells of a terrain, NaN where there is none.
+
+    Also sentences on changes, and on values that hardly are meant.
+    """
+    points, quantity = _centres(terrain), of_parameter(parameter, ZoneError)
+    with errors_as(ZoneError), open_source(path, quantity) as source:
+        header = source.header
+        require_straight(header.transform, header.source, parameter.key)
+        placed = to_terrain(path, header.crs, terrain, header.bounds, "gdalwarp")
+        x, y = (points if placed.inverse is None else placed.inverse(points)).T
+        raster = north_up_in_unit_of(source.read(_extent(path, header, x, y)), quantity)
+    west, north, (width, height) = raster.transform[2], raster.transform[5], raster.cell
+    with np.errstate(invalid="ignore"):  # a place that has none in the system of the raster
+        column, row = (x - west) / width, (north - y) / height
+        rows, columns = raster.values.shape
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     values = np.full(len(points), np.nan)
-    values[inside] = band[row[inside], column[inside]]
-    _require_valid(path, values, points, parameter)
-    return values.reshape(terrain.shape[1], terrain.shape[0]), (*packing, *found.sentences)
+    values[inside] = raster.values[row[inside].astype(np.int64), column[inside].astype(np.int64)]
+    _require_valid(raster, values, points, parameter)
+    changes = (*(f"{path}: {change}." for change in raster.changes), *placed.sentences)
+    cells = values.reshape(terrain.shape[1], terrain.shape[0])
+    return cells, changes, list(_doubts(raster, cells, parameter))
+
+
+def _extent(path: Path, header: Header, x: np.ndarray, y: np.ndarray) -> Bounds:
+    """West, south, east and north of places in the coordinates of a raster, and some cells more; ZoneError if it lies elsewhere."""
+    known = np.isfinite(x) & np.isfinite(y)
+    low, high = (
+        [getattr(axis[known], end)(initial=start) for axis in (x, y)] for end, start in (("min", np.inf), ("max", -np.inf))
+    )
+    west, south, east, north = header.bounds
+    if not (low[0] <= east and high[0] >= west and low[1] <= north and high[1] >= south):
+        raise _nowhere(path)
+    more = MARGIN * abs(header.transform[0]), MARGIN * abs(header.transform[4])
+    return low[0] - more[0], low[1] - more[1], high[0] + more[0], high[1] + more[1]
+
+
+def _nowhere(path: Path | str) -> ZoneError:
+    return ZoneError(f"{path}: no cell of the terrain has a value; check the coordinate system of both")
+
+
+def _doubts(raster: ElevationRaster, values: np.ndarray, parameter: Parameter) -> Iterator[str]:
+    """Questions on values (nx, ny) that often mark cells beyond the mapped area: 0, or one value at the rim, far from all others.
+
+    What the law takes if nothing is stated may stand there without a question.
+    """
+    known, remedy = (
+        values[~np.isnan(values)],
+        "if {0:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {0:.9g} {1}",
+    )
+    for value in dict.fromkeys((0.0, _background(values))):
+        share = float(np.mean(values == value))
+        others = known[(known != value) & ((known != 0.0) | (value == 0.0))]
+        is_far = value == 0.0 or (len(others) > 0 and (others.min() >= FAR * value or others.max() <= value / FAR))
+        if share and is_far and value != parameter.default:
+            said = f"{parameter.key} is {value:g} on {100 * share:.3g} % of the cells of the terrain"
+            others_are = f", {others.min():.4g} to {others.max():.4g} on the others" if len(others) else ""
+            yield f"{raster.source}: {said}{others_are}; {remedy.format(raster.stored(value), raster.source)}"
+
+
+def _background(values: np.ndarray) -> float:
+    """The value (nx, ny) that most cells hold along the rim of those with a value."""
+    from scipy import ndimage
+
+    known = ~np.isnan(values)
+    different, counts = np.unique(values[known & ~ndimage.binary_erosion(known)], return_counts=True)
+    return float(different[np.argmax(counts)])
 
 
 def _centres(terrain: Terrain) -> np.ndarray:
@@ -84,20 +133,25 @@ def _centres(terrain: Terrain) -> np.ndarray:
     return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _require_valid(path: Path, values: np.ndarray, points: np.ndarray, parameter: Parameter) -> None:
+def _require_valid(raster: ElevationRaster, values: np.ndarray, points: np.ndarray, parameter: Parameter) -> None:
     """ZoneError if no cell of the terrain has a value, or one is out of the range of the parameter."""
-    known = np.flatnonzero(~np.isnan(values))
+    path, known = raster.source, np.flatnonzero(~np.isnan(values))
     if not len(known):
-        raise ZoneError(f"{path}: no cell of the terrain has a value; check the coordinate system of both")
+        raise _nowhere(path)
     valid = parameter.valid
     assert valid is not None  # parameters of friction have ranges
-    low = values[known] <= valid.low if valid.open_low else values[known] < valid.low
-    wrong = known[low | (values[known] > valid.high)]
+    own = values[known]
+    low = own <= valid.low if valid.open_low else own < valid.low
+    radians = (own >= SMALLEST_RADIANS) & (own <= LARGEST_RADIANS) if valid.degrees else np.zeros(len(own), bool)
+    wrong = known[low | (own > valid.high) | radians]
     if len(wrong):
-        (east, north), value = points[wrong[0]], values[wrong[0]]
+        (east, north), value = points[wrong[0]], float(values[wrong[0]])
+        number, said = raster.stored(value), valid.allowed()
+        if radians.any():
+            said = f"so small an angle looks like radians; if it is in radians, state it: gdal_edit.py -units rad {path}"
         raise ZoneError(
             f"{path}: {parameter.key} is {value:g} at easting {east:.2f}, northing {north:.2f}, {len(wrong)} cells in all; "
-            f"{valid.allowed()}; if {value:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {value:.9g} {path}"
+            f"{said}; if {number:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {number:.9g} {path}"
         )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import DemError, ReleaseError
-from runout.io.polygons import read_polygons, without_overlap
+from runout.io.polygons import read_drawn, read_polygons, without_overlap
 from runout.model.terrain import Terrain
 from runout.terrain.overlay import on_cells
 
@@ -65,5 +65,5 @@ def _parts(terrain: Terrain, source: Path, height: float | str, layer: str | Non
 
 def narrowest(terrain: Terrain, path: str | PathLike[str], layer: str | None = None) -> float:
     """Width [m] of the narrowest polygon of a vector file, taken for a strip: twice its area over its circumference."""
-    polygons = read_polygons(Path(path), terrain, layer, "obstacle").polygons
+    polygons = read_drawn(Path(path), terrain, layer, "obstacle").polygons
     return float(min(2.0 * polygon.area / polygon.length for polygon in polygons))

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.io.polygon_coverage import covered_window
+from runout.io.polygon_coverage import covered_window, within_extent
 from runout.model.terrain import Terrain
 
 
@@ -25,7 +25,7 @@ def on_cells(parts: np.ndarray, values: np.ndarray, terrain: Terrain) -> tuple[n
     """
     import shapely
 
-    inside = shapely.intersection(parts, shapely.box(*terrain.extent))
+    inside = within_extent(parts, terrain.extent)
     kept = [(part, float(value)) for part, value in zip(inside, values, strict=True) if part.area > 0]
     (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
     edges = np.arange(columns + 1) * dx, np.arange(rows + 1) * dy

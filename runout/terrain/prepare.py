@@ -7,10 +7,11 @@ import numpy as np
 
 from runout.errors import DemError, InputError
 from runout.io import crs as coordinate_systems
-from runout.io.band import METRES, word_of
 from runout.io.elevation_raster import ElevationRaster, moved
+from runout.io.units import factor_to
 from runout.model.terrain import Terrain
 from runout.terrain.fill import filled
+from runout.terrain.source import ELEVATION, in_unit_of, north_up
 
 LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]
 NODATA_VALUES = (-9999.0, -99999.0, -999999.0, -32768.0, -32767.0, 32767.0, 65535.0)  # in use without being declared
@@ -27,9 +28,7 @@ def terrain(raster: ElevationRaster) -> Terrain:
     """
     stated = raster.crs
     raster = north_up(raster)
-    values, changes = known_or_nan(raster.values, raster.source)
-    raster = replace(raster, values=values, changes=(*raster.changes, *changes))
-    raster = in_metres(raster)
+    raster = in_unit_of(without_marks(raster), ELEVATION)
     require_plausible(raster)
     raster = with_pits_told(raster)
     raster = on_metric_map(trimmed(raster))
@@ -43,23 +42,6 @@ def terrain(raster: ElevationRaster) -> Terrain:
     own = None if is_own else coordinate_systems.horizontal(stated).to_wkt()
     height = coordinate_systems.vertical_name(stated)
     return Terrain(raster.values, (dx, dy), west, south, wkt, raster.source, raster.changes, own, height)
-
-
-def north_up(raster: ElevationRaster) -> ElevationRaster:
-    """The raster with its first row in the north and its first column in the west; DemError if it is rotated."""
-    a, b, c, d, e, f = raster.transform
-    rows, columns = raster.values.shape
-    if max(abs(b), abs(d)) > 1e-9 * max(abs(a), abs(e)):
-        angle = np.degrees(np.arctan2(d, a))
-        remedy = f"resample it north up, for example `gdalwarp -r cubic {raster.source} north_up.tif`"
-        raise DemError(f"{raster.source}: the raster is rotated or sheared (by {angle:.3g} deg); {remedy}")
-    if e > 0:
-        flipped = (a, 0.0, c, 0.0, -e, f + e * rows)
-        raster = raster.changed("rows ran from south to north; put in order", values=raster.values[::-1], transform=flipped)
-    if a < 0:
-        flipped = (-a, 0.0, c + a * columns, 0.0, raster.transform[4], raster.transform[5])
-        raster = raster.changed("columns ran from east to west; put in order", values=raster.values[:, ::-1], transform=flipped)
-    return raster
 
 
 def trimmed(raster: ElevationRaster) -> ElevationRaster:
@@ -88,21 +70,16 @@ def known_or_nan(values: np.ndarray, source: str, largest: float = LARGEST_NUMBE
     return blank.values, blank.changes
 
 
-def in_metres(raster: ElevationRaster) -> ElevationRaster:
-    """The raster with elevations in metres; DemError if the unit is unknown, or unstated where metres are unlikely."""
-    upward = coordinate_systems.vertical(raster.crs)
-    unit = raster.unit or (upward.axis_info[0].unit_name if upward is not None else None)
-    word = word_of(unit)
-    if word not in METRES:
-        known = "m, ft, us-ft, cm, dm or km"
-        raise DemError(f"{raster.source}: elevations are in {unit!r}; {known} are understood, convert them with `gdal_calc.py`")
-    if unit is None and raster.crs is not None and _is_in_feet(raster.crs):
-        remedy = "state it, for example `gdal_edit.py -units ft` (or us-ft, or m)"
-        reason = f"the map is in feet ({raster.crs.name}) and the unit of the elevations is not stated"
-        raise DemError(f"{raster.source}: {reason}; {remedy}")
-    if METRES[word] == 1.0:
-        return raster
-    return raster.changed(f"elevations were in {unit}; multiplied by {METRES[word]:.10g}", values=raster.values * METRES[word])
+def without_marks(raster: ElevationRaster) -> ElevationRaster:
+    """The raster without undeclared marks of unknown cells; DemError if only numbers too large for elevations are left."""
+    largest = LARGEST_NUMBER / min(factor_to("m", raster.unit) or 1.0, 1.0)
+    values, changes = known_or_nan(raster.values, raster.source, largest)
+    stated = raster.values[np.isfinite(raster.values) & ~np.isin(raster.values, NODATA_VALUES)]
+    if len(stated) and np.abs(stated).min() > largest and np.ptp(stated) > 0:
+        remedy = f"state their unit, for example `gdal_edit.py -units mm {raster.source}`, or declare nodata"
+        numbers = f"{raster.stored(float(stated.min())):.9g} to {raster.stored(float(stated.max())):.9g}"
+        raise DemError(f"{raster.source}: all {len(stated)} numbers of its cells are {numbers}, no elevations in metres; {remedy}")
+    return replace(raster, values=values, changes=(*raster.changes, *changes))
 
 
 def require_plausible(raster: ElevationRaster) -> None:
@@ -111,7 +88,8 @@ def require_plausible(raster: ElevationRaster) -> None:
     if absurd.any():
         row, column = np.argwhere(absurd)[0]
         value = raster.values[row, column]
-        remedy = f"declare nodata (`gdal_translate -a_nodata {value:g}`) or correct the unit (`gdal_edit.py -units ft`)"
+        number = raster.stored(float(value))
+        remedy = f"declare nodata (`gdal_translate -a_nodata {number:.9g}`) or correct the unit (`gdal_edit.py -units ft`)"
         place = f"the first {value:g} at row {row}, column {column}"
         raise DemError(f"{raster.source}: {int(absurd.sum())} elevations outside {LOWEST:g} to {HIGHEST:g} m, {place}; {remedy}")
 
@@ -130,7 +108,7 @@ def with_pits_told(raster: ElevationRaster) -> ElevationRaster:
     if not pits.any():
         return raster
     cells = int(np.isin(groups, np.flatnonzero(pits) + 1).sum())
-    remedy = f"if 0 marks unknown ground, declare it: gdal_edit.py -a_nodata 0 {raster.source}"
+    remedy = f"if 0 marks unknown ground, declare it: gdal_edit.py -a_nodata {raster.stored(0.0):.9g} {raster.source}"
     return raster.changed(f"{cells} cells hold 0, {lowest[pits].min():.4g} m or more below all cells around; {remedy}")
 
 
@@ -241,11 +219,6 @@ def _to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
     from runout.terrain.reproject import to_utm
 
     return to_utm(raster, reason)
-
-
-def _is_in_feet(crs: object) -> bool:
-    system = coordinate_systems.horizontal(crs)
-    return system.is_projected and coordinate_systems.metres_per_unit(system) != 1.0
 
 
 def _require_not_degrees(raster: ElevationRaster) -> None:

@@ -1,6 +1,7 @@
 """Friction zones of the polygons in vector files."""
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -11,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError, ZoneError
-from runout.io.polygon_overlap import OVERLAP
-from runout.io.polygons import PolygonLayer, read_polygons, without_overlap
+from runout.io.polygon_overlap import OVERLAP, SLIVER
+from runout.io.polygons import NAMED, PolygonLayer, read_polygons, without_overlap
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.terrain import Terrain
@@ -55,6 +56,7 @@ def read_zones(
             values = polygons.stated(factor, "friction_factor", "factor")
         else:
             values = polygons.stated(basal_friction_angle_deg, "basal_friction_angle", "basal_friction_angle_deg")
+        doubts = _zeros(polygons, factor if basal_friction_angle_deg is None else basal_friction_angle_deg, values)
         parts, overlaps = without_overlap(polygons, values, "friction", "" if basal_friction_angle_deg is None else " deg")
     except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
         raise ZoneError(str(error)) from error
@@ -69,7 +71,8 @@ def read_zones(
         terrain.cell_size,
         tuple({"geometry": part, "factor" if multiplies else "coefficient": value} for part, value in kept),
         str(source),
-        polygons.changes + overlaps,
+        polygons.changes + overlaps + doubts,
+        warnings=doubts,
     )
     return _warned(found)
 
@@ -81,6 +84,7 @@ def _of_parameters(polygons: PolygonLayer, stated: Mapping[str, float | str], la
     if unknown:
         raise ZoneError(f"{polygons.source}: the friction law {law.name} has no {unknown[0]}; choose among {', '.join(of_law)}")
     values = {key: polygons.within(given, of_law[key][0]) for key, given in stated.items()}
+    doubts = tuple(d for key, own in values.items() if of_law[key][0].default != 0 for d in _zeros(polygons, stated[key], own))
     _, kind = np.unique(np.column_stack(list(values.values())), axis=0, return_inverse=True)
     told = [", ".join(f"{key} {value[i]:g}" for key, value in values.items()) for i in range(len(kind))]
     parts, overlaps = without_overlap(polygons, kind.ravel().astype(float), "friction", told=told)
@@ -92,8 +96,20 @@ def _of_parameters(polygons: PolygonLayer, stated: Mapping[str, float | str], la
         replaced[number] = np.maximum(1.0 - covered, 0.0), weighted
     _, _, kept = _on_terrain(polygons.source, parts, np.arange(len(parts)), terrain)
     zones = [{"geometry": part, "parameters": {key: float(v[int(i)]) for key, v in values.items()}} for part, i in kept]
-    changes = polygons.changes + overlaps
-    return FrictionZones(ones, np.zeros_like(ones), terrain.cell_size, tuple(zones), str(polygons.source), changes, replaced)
+    changes = polygons.changes + overlaps + doubts
+    return FrictionZones(
+        ones, np.zeros_like(ones), terrain.cell_size, tuple(zones), str(polygons.source), changes, replaced, warnings=doubts
+    )
+
+
+def _zeros(polygons: PolygonLayer, stated: float | str | None, values: np.ndarray) -> tuple[str, ...]:
+    """A question on an attribute that is 0 in some polygons: a Shapefile holds 0 where a value is missing."""
+    rows = np.flatnonzero(values == 0.0)
+    if not isinstance(stated, str) or not len(rows):
+        return ()
+    named = ", ".join(str(polygons.number(row)) for row in rows[:NAMED]) + (", ..." if len(rows) > NAMED else "")
+    said = f"attribute {stated!r} is 0 in {len(rows)} of {len(values)} polygons ({named}), which are ground without friction"
+    return (f"{polygons.source}: {said}; if the value is missing there, write it, or delete these polygons",)
 
 
 def _on_terrain(
@@ -126,7 +142,7 @@ def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = Non
     for one, other in combinations(parts, 2):
         a, b = (shapely.union_all([zone["geometry"] for zone in part.zones]) for part in (one, other))
         common = a.intersection(b).area
-        if common > OVERLAP * min(a.area, b.area):
+        if common > max(OVERLAP * min(a.area, b.area), SLIVER * math.prod(one.cell_size)):
             raise ZoneError(
                 f"friction zones of {one.source} and {other.source} overlap by {common:.6g} m2; cut one of them back so that every "
                 "place has one friction"
@@ -143,6 +159,7 @@ def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = Non
         tuple(change for part in stated for change in part.changes),
         _replaced_in(parts),
         rasters.gridded if rasters else {},
+        tuple(warning for part in stated for warning in part.warnings),
     )
 
 

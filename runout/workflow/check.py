@@ -187,7 +187,8 @@ def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
     except InputError as error:
         found.note(error)
     if found.zones:
-        found.notes += found.zones.changes
+        found.notes += [change for change in found.zones.changes if change not in found.zones.warnings]
+        found.warnings += found.zones.warnings
 
 
 def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -213,7 +214,10 @@ def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
     for one, other in combinations(found.releases, 2):
         shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
         if shared and one.outline is not None and other.outline is not None:
-            shared = math.ceil(one.outline.intersection(other.outline).area / terrain.cell_area)
+            from runout.io.polygon_overlap import SLIVER
+
+            cells = one.outline.intersection(other.outline).area / terrain.cell_area
+            shared = math.ceil(cells) if cells >= SLIVER else 0
         if shared:
             found.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
 

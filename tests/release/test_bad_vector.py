@@ -170,3 +170,11 @@ def test_ring_that_does_not_close_is_refused(tmp_path, terrain):
     path = tmp_path / "open.geojson"
     path.write_text('{"type": "Polygon", "coordinates": [[[500050, 4000050], [500060, 4000050], [500060, 4000060]]]}')
     refused(path, terrain)
+
+
+@pytest.mark.parametrize("sign", [";", "!"])
+def test_a_sign_in_the_path_that_the_library_misreads_is_named(write_polygons, terrain, sign):
+    path = write_polygons([shapely.box(50, 50, 80, 80)])
+    other = path.rename(path.with_name(f"a{sign}b.gpkg"))
+    with pytest.raises(ReleaseError, match=r"';' and '!' in the path .* rename the file"):
+        Release.from_vector(other, terrain, thickness=2.0)

@@ -124,3 +124,58 @@ def test_shifted_raster_of_the_same_shape_is_resampled(write_raster, terrain):
     release = Release.from_raster(write_raster(values, corner=(2.5, 0.0)), terrain)
     np.testing.assert_allclose(release.thickness[:, 1:], 0.5 * (values[:, 1:] + values[:, :-1]), rtol=1e-12)
     assert "resampled by area" in release.changes[0]
+
+
+def turned_to_the_east(path, values):
+    """The raster with columns from the east and rows from the south."""
+    import rasterio
+    from affine import Affine
+
+    shape = {"driver": "GTiff", "height": 40, "width": 60, "count": 1, "dtype": "float64", "crs": "EPSG:32616"}
+    with rasterio.open(path, "w", transform=Affine(-5.0, 0.0, 500_300.0, 0.0, 5.0, 4_000_000.0), **shape) as raster:
+        raster.write(values[::-1, ::-1], 1)
+    return path
+
+
+def with_alpha(path, values):
+    """Garbage below an alpha band that is transparent outside the mound."""
+    import rasterio
+    from affine import Affine
+
+    shape = {"driver": "GTiff", "height": 40, "width": 60, "count": 2, "dtype": "float64", "crs": "EPSG:32616", "alpha": "yes"}
+    with rasterio.open(path, "w", transform=Affine(5.0, 0.0, 500_000.0, 0.0, -5.0, 4_000_200.0), **shape) as raster:
+        raster.write(np.stack([np.where(values > 0, values, 77.0), 255.0 * (values > 0)]))
+    return path
+
+
+def as_netcdf(path, values, name="thickness", **more):
+    import pyproj
+    import xarray as xr
+
+    x, y = 500_002.5 + 5.0 * np.arange(60), 4_000_197.5 - 5.0 * np.arange(40)
+    maps = {key: (("y", "x"), own, {"units": "m", "grid_mapping": "crs"}) for key, own in {name: values, **more}.items()}
+    crs = {"crs": ((), 0, {"crs_wkt": pyproj.CRS("EPSG:32616").to_wkt()})}
+    coordinates = {"y": ("y", y, {"units": "m", "axis": "Y"}), "x": ("x", x, {"units": "m", "axis": "X"})}
+    xr.Dataset({**maps, **crs}, coordinates).to_netcdf(path)
+    return path
+
+
+@pytest.mark.parametrize(("write", "name"), [(turned_to_the_east, "t.tif"), (with_alpha, "t.tif"), (as_netcdf, "t.nc")])
+def test_a_thickness_raster_takes_the_forms_of_an_elevation_raster(tmp_path, terrain, write, name):
+    values = mound(40, 60)
+    np.testing.assert_allclose(Release.from_raster(write(tmp_path / name, values), terrain).thickness, values)
+
+
+def test_of_a_netcdf_file_with_elevation_and_thickness_the_thickness_is_released(tmp_path, terrain):
+    path = as_netcdf(tmp_path / "both.nc", mound(40, 60), "depth", elevation=np.full((40, 60), 900.0))
+    assert Release.from_raster(path, terrain).thickness.max() < 8.0
+    with pytest.raises(ReleaseError, match=r'which variable is the thickness .*name it "thickness"'):
+        Release.from_raster(as_netcdf(tmp_path / "none.nc", mound(40, 60), "a", b=mound(40, 60)), terrain)
+
+
+def test_a_release_in_a_huge_raster_of_another_system_is_sought_on_the_terrain_alone(write_raster, terrain, monkeypatch):
+    monkeypatch.setattr("runout.release.raster.LARGEST_WHOLE", 1000)
+    wide = np.pad(mound(20, 30), 60)
+    release = Release.from_raster(write_raster(wide, corner=(-240.0, -250.0)), terrain)
+    assert release.volume == pytest.approx(wide.sum() * 25.0)
+    assert any("cells are read" in change for change in release.changes)

@@ -101,3 +101,22 @@ def test_positions_beyond_the_rim_have_the_friction_of_the_rim(terrain, write_po
     rim = FrictionZones.from_vector(write_polygons([shapely.box(0.0, 0.0, 5.0, 5.0)]), terrain, factor=0.5)
     far = rim.at(np.full(4, 0.4), np.array([-9.0, 4.9, 5.1, 900.0]), np.array([-9.0, 4.9, 4.9, 900.0]))
     np.testing.assert_allclose(far, (0.2, 0.2, 0.4, 0.4), rtol=1e-12)
+
+
+def test_slivers_between_zones_and_files_are_no_overlap(terrain, write_polygons):
+    beside = shapely.box(40.0 - 5e-4, 10.0, 60.0, 30.0)
+    zones = FrictionZones.from_vector(write_polygons([SLOPE, beside], own=[0.5, 1.5]), terrain, factor="own")
+    assert any("overlaps of polygons below 0.001 cells" in change for change in zones.changes)
+    one = FrictionZones.from_vector(write_polygons([SLOPE], "one.gpkg"), terrain, factor=0.5)
+    other = FrictionZones.from_vector(write_polygons([beside], "other.gpkg"), terrain, factor=1.5)
+    np.testing.assert_allclose(together([one, other]).factor, zones.factor, atol=2e-4)
+
+
+def test_an_attribute_of_zero_friction_is_asked_about_and_a_stated_zero_is_not(terrain, write_polygons):
+    path = write_polygons([SLOPE, shapely.box(50.0, 10.0, 60.0, 30.0)], own=[0.0, 1.5])
+    (asked,) = FrictionZones.from_vector(path, terrain, factor="own").warnings
+    assert "attribute 'own' is 0 in 1 of 2 polygons (1), which are ground without friction" in asked
+    assert FrictionZones.from_vector(path, terrain, factor=0.0).warnings == ()
+    (asked,) = FrictionZones.from_vector(path, terrain, basal_friction={"mu": "own"}, law="voellmy").warnings
+    assert "attribute 'own'" in asked
+    assert FrictionZones.from_vector(path, terrain, basal_friction={"cohesion": "own"}, law="voellmy").warnings == ()

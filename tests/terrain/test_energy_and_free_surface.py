@@ -63,19 +63,6 @@ def test_free_surface_of_a_heap_is_the_ground_and_the_slope_of_the_heap_up_to_it
     np.testing.assert_allclose(north, -0.2, atol=1e-6)
 
 
-FOOT, SURVEY = 0.3048, 1200 / 3937
-LENGTHS = {"m": 1.0, "metres": 1.0, "meter": 1.0, "cm": 0.01, "dm": 0.1, "km": 1000.0, "kilometre": 1000.0, "centimetre": 0.01}
-LENGTHS |= {"decimetre": 0.1, "1": 1.0, "": 1.0, "unknown": 1.0, "metre": 1.0, "meters": 1.0}
-LENGTHS |= dict.fromkeys(["ft", "foot", "feet", "international foot", "international feet"], FOOT)
-LENGTHS |= dict.fromkeys(["us-ft", "ussft", "ftus", "us survey foot", "us survey feet", "survey foot", "foot us"], SURVEY)
-
-
-def test_every_word_for_a_unit_is_its_length_in_metres():
-    assert set(LENGTHS) == set(prepare.METRES)
-    for word, metres in LENGTHS.items():
-        assert prepare.METRES[word] == pytest.approx(metres, rel=1e-12), word
-
-
 def test_a_part_of_a_raster_begins_at_its_first_cell():
     assert moved((5.0, 0.0, 100.0, 0.0, -4.0, 900.0), 3, 7) == (5.0, 0.0, 135.0, 0.0, -4.0, 888.0)
 

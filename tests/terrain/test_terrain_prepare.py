@@ -53,6 +53,16 @@ def test_elevations_in_other_units_become_metres(geotiff, slope, unit, metres):
     assert all(unit in sentence for sentence in terrain.changes)
 
 
+def test_millimetres_are_read_with_their_unit_and_asked_about_without_it(geotiff, slope):
+    stored = (slope * 1000).astype(np.int32)
+    with pytest.raises(DemError, match=r"all 48 numbers of its cells are 1454000 to 1999000, .*gdal_edit\.py -units mm"):
+        Terrain.from_raster(geotiff(stored))
+    stored[2, 3] = -9999
+    terrain = Terrain.from_raster(geotiff(stored, unit="mm"))
+    slope[2, 3] = np.nan
+    np.testing.assert_allclose(terrain.elevation, slope)
+
+
 def test_elevations_in_an_unknown_unit_are_refused(geotiff, slope):
     with pytest.raises(DemError, match="elevations are in 'fathom'"):
         Terrain.from_raster(geotiff(slope, unit="fathom"))
@@ -201,7 +211,9 @@ def test_engineering_system_is_local():
 def test_map_in_feet_is_projected_if_the_unit_of_its_elevations_is_known(geotiff):
     feet = 1200 / 3937
     transform = (30.0, 0.0, 1500000.0, 0.0, -30.0, 700000.0)
-    with pytest.raises(DemError, match=r"the map is in feet.*the unit of the elevations is not stated.*gdal_edit\.py -units ft"):
+    with pytest.raises(
+        DemError, match=r"the map is in US survey foot.*unit of the elevations is not stated.*gdal_edit\.py -units ft"
+    ):
         Terrain.from_raster(geotiff(np.full((40, 40), 3000.0), transform, "EPSG:2264"))
     terrain = Terrain.from_raster(geotiff(np.full((40, 40), 3000.0), transform, "EPSG:2264", unit="us-ft"))
     assert terrain.elevation[20, 20] == pytest.approx(3000 * feet, rel=1e-12)

@@ -97,6 +97,22 @@ def test_overlapping_releases_are_refused(tmp_path, capsys):
     assert "releases slab and second overlap on 36 cells" in out
 
 
+def test_releases_that_share_a_sliver_of_a_border_do_not_overlap(tmp_path):
+    import geopandas
+    import shapely
+
+    for width, overlap in ((1e-3, False), (1.0, True)):
+        two = SITE_OF_TWO.replace("raster: inputs/second.tif", "polygons: inputs/second.gpkg, thickness: 2")
+        two = two.replace("raster: inputs/thickness.tif", "polygons: inputs/slab.gpkg\n    thickness: 2")
+        folder = write_site(tmp_path / str(width), two)
+        west, south, _, north = runout.Terrain.from_raster(folder / "inputs" / "dem.tif").extent
+        shapes = {"slab": (west + 50, west + 100), "second": (west + 100 - width, west + 150)}
+        for name, (start, end) in shapes.items():
+            box = shapely.box(start, (south + north) / 2 - 40, end, (south + north) / 2 + 40)
+            geopandas.GeoDataFrame(geometry=[box], crs="EPSG:32632").to_file(folder / "inputs" / f"{name}.gpkg", engine="pyogrio")
+        assert any("overlap on" in problem for problem in inspect(folder).problems) == overlap
+
+
 def test_unknown_cells_that_the_mass_may_reach_are_named_with_place_and_number(tmp_path):
     behind, reached = ramp(), ramp()
     behind[12, 1] = -9999.0
