@@ -12,13 +12,14 @@ import numpy as np
 from runout.errors import ReleaseError
 from runout.io.boundary import exists, names_in
 from runout.io.opening import open_vector
+from runout.io.polygon_faults import fault_message
 from runout.io.polygon_overlap import cut, overlaps_of
 from runout.io.polygon_reproject import polygons_on_terrain
 from runout.model.limits import checked, checked_within
 from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
 
-NAMED = 5  # pairs that a message names
+NAMED = 5  # pairs or polygons that a message names
 
 
 def is_missing(value: Any) -> bool:
@@ -126,13 +127,13 @@ def read_polygons(
 ) -> PolygonLayer:
     """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages, ``key`` what chooses the layer.
 
-    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out.
+    A list of ``faults`` takes the messages on polygons that are not valid, which are then left out.
 
     Raises
     ------
     ReleaseError
         Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
-        features without a geometry, or polygons that cross themselves (with the place).
+        features without a geometry, or polygons that are not valid: each with its place and its own remedy.
     """
     frame, driver = read_frame(path, layer, what, key)
     if len(frame) == 0:
@@ -140,12 +141,12 @@ def read_polygons(
     frame, changes = polygons_on_terrain(path, frame, driver, terrain)
     geometry = frame.geometry.force_2d().to_numpy()
     _require_polygons(path, geometry, what)
-    attributes, crossed = frame.drop(columns=frame.geometry.name), _crossed(path, geometry)
-    if crossed and faults is None:
-        raise ReleaseError(next(iter(crossed.values())))
+    attributes, invalid = frame.drop(columns=frame.geometry.name), _invalid(path, geometry, what)
+    if invalid and faults is None:
+        raise ReleaseError(_joined(list(invalid.values())))
     if faults is not None:
-        faults += crossed.values()
-    sound = np.array([number not in crossed for number in range(len(geometry))])
+        faults += invalid.values()
+    sound = np.array([row not in invalid for row in range(len(geometry))])
     return PolygonLayer(path, geometry[sound], attributes[sound], changes)
 
 
@@ -182,19 +183,18 @@ def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:
         raise ReleaseError(f"{path}: holds {' and '.join(other)}; draw polygons around the {what}")
 
 
-def _crossed(path: Path, geometry: np.ndarray) -> dict[int, str]:
+def _invalid(path: Path, geometry: np.ndarray, what: str) -> dict[int, str]:
     """Messages on the polygons that are not valid, by their rows."""
     import shapely
 
-    found = {}
-    for number in np.flatnonzero(~shapely.is_valid(geometry)).tolist():
-        reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
-        at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
-        found[number] = (
-            f"{path}: polygon {number + 1} is not valid, {reason.strip().lower()}{at}; mend it in the GIS (QGIS: Fix geometries) "
-            f"or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose or gain area"
-        )
-    return found
+    rows = np.flatnonzero(~shapely.is_valid(geometry)).tolist()
+    return {row: fault_message(path, row + 1, geometry[row], what) for row in rows}
+
+
+def _joined(messages: Sequence[str]) -> str:
+    """The first messages in lines, and how many more there are."""
+    more = len(messages) - NAMED
+    return "\n".join([*messages[:NAMED], *([f"and {more} polygons more are not valid"] if more > 0 else [])])
 
 
 def without_overlap(

@@ -76,6 +76,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "heading": tables.heading(study),
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
+        "releases": tables.release_statements(study),
         "headline": printed[: len(headline)],
         "further": printed[len(headline) : len(headline) + len(further)],
         "legend": _legend(study),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")
 # entries of run.json that the report prints in another place
 ELSEWHERE = (
-    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations"),
+    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations", "releases"),
     *("resolution", "relief", "stiffness"),
 )
 ABBREVIATIONS = {
@@ -348,7 +348,17 @@ def numerical_error(study: Study, settings: Mapping[str, Any]) -> str:
         size = quantity(study.convergence["levels"][-1]["cell_size"][0], "m")
         said = f"Of the median scenario on cells of {size}, from runs on several grids: {'; '.join(statements(study.convergence))}."
         return f"{said} {BOUNDS}"
+    return f"{error_statement(cells_through(study, settings)).capitalize()}. {EXPECTED} {BOUNDS}"
+
+
+def cells_through(study: Study, settings: Mapping[str, Any]) -> float:
+    """Cells of the grid through the mean thickness of the release."""
+    stated = study.run.get("releases", {}).get("mean_thickness")
     thickness = study.hazard["release_thickness"].values
-    height = float(np.ravel(settings["simulation"]["cell_size"])[-1])
-    cells = float(thickness[thickness > 0].mean()) / height
-    return f"{error_statement(cells).capitalize()}. {EXPECTED} {BOUNDS}"
+    mean = float(thickness[thickness > 0].mean()) if stated is None else float(stated)  # earlier runs state none
+    return mean / float(np.ravel(settings["simulation"]["cell_size"])[-1])
+
+
+def release_statements(study: Study) -> list[str]:
+    """What is stated of each release, and what starts together."""
+    return [f"{said[:1].upper()}{said[1:]}." for said in study.run.get("releases", {}).get("statements", [])]

@@ -169,6 +169,8 @@ def _readable_probes(stated: Any, wrong: list[str]) -> "ProbeSettings | None":
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the releases; if one cannot be used, one by one, to find the problems of each."""
+    from runout.release.statements import start_sentences
+
     try:
         found.releases += site.releases(terrain)
     except InputError:
@@ -179,6 +181,7 @@ def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
             except InputError as error:
                 found.note(error)
     found.notes += [f"release {release.name}: {change}" for release in found.releases for change in release.changes]
+    found.notes += start_sentences(found.releases)
 
 
 def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:

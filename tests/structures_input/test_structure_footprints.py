@@ -97,7 +97,7 @@ def test_all_problems_are_said_at_once(level, tmp_path):
     assert len(said) == 7, said
     for text in (
         "feature 1: attribute 'height' is -2 m",
-        "polygon 2 is not valid, self-intersection at easting 500030",
+        "polygon 2 is not valid, its outline crosses itself (self-intersection) at easting 500030",
         "feature 3: the structure at easting 500200.0, northing 5000100.0 lies beyond",
         "feature 4: floats",
         "feature 5: is buried, its top lies 35 m below",

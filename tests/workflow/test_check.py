@@ -34,6 +34,18 @@ def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_parts_and_releases_that_start_together_are_said_with_the_remedy(tmp_path):
+    second = np.zeros(ramp().shape)
+    second[18:21, 4:8] = second[18:21, 12:16] = 3.0
+    folder = write_site(tmp_path / "ramp", SITE_OF_TWO)
+    write_raster(folder / "inputs/second.tif", second)
+    notes = inspect(folder, forecast=False).notes
+    patches = "release second: its 2 separate patches start together at time zero, in every member; where each may fail alone"
+    assert sum(patches in note for note in notes) == 1
+    assert sum("the 2 releases (slab, second) start together" in note and "make a site of each" in note for note in notes) == 1
+    assert not any("start together" in note for note in inspect(write_site(tmp_path / "one"), forecast=False).notes)
+
+
 def test_relief_and_its_cost_are_stated_and_an_oscillation_is_named(tmp_path):
     text = SITE.replace("inputs/dem.tif", "inputs/dem.tif\n  smoothing: 20")
     even = inspect(write_site(tmp_path / "even"))

@@ -1,0 +1,41 @@
+"""What check, the log and the report say of releases: volume, area, thickness, edge, and what starts together."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from runout.model.release import Edge, Release
+
+TOGETHER = "start together at time zero, in every member"
+ALONE = "where each may fail alone, make a site of each, with its own"
+
+
+def statement(release: Release) -> str:
+    """Volume, area, placement, edge and thickness of a release in one sentence."""
+    edge = f", {release.edge} edge" if release.outline is not None else ""
+    size = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}{edge}"
+    thickness = f"{release.mean_thickness:.3g} m thick on average, {release.thickness.max():.3g} m at most"
+    thins = "; it thins out to its outline and keeps its volume, so its middle is thicker than the mean"
+    return f"release {release.name}: {size}, {thickness}{thins if release.edge is Edge.TAPERED else ''}"
+
+
+def start_sentences(releases: Sequence[Release]) -> Iterator[str]:
+    """Sentences on parts of a release that do not touch, and on several releases: they start at the same time."""
+    for release in releases:
+        count = separate_parts(release)
+        if count > 1:
+            kind = "polygons" if release.outline is not None else "patches"
+            own = "polygon" if release.outline is not None else "raster"
+            yield f"release {release.name}: its {count} separate {kind} {TOGETHER}; {ALONE} {own}"
+    if len(releases) > 1:
+        names = ", ".join(release.name for release in releases)
+        yield f"the {len(releases)} releases ({names}) {TOGETHER}; {ALONE} release"
+
+
+def separate_parts(release: Release) -> int:
+    """Number of parts of a release that do not touch."""
+    if release.outline is not None:
+        return len(getattr(release.outline, "geoms", [release.outline]))
+    from scipy import ndimage
+
+    return int(ndimage.label(release.thickness > 0, structure=np.ones((3, 3)))[1])
