@@ -1,7 +1,7 @@
 """The report of a study: one self-contained HTML file."""
 
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.resources import files
@@ -129,9 +129,15 @@ def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, A
         "statement": stated["statement"][:1].upper() + stated["statement"][1:],
         "scores": score_tables(whole["scores"]),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
-        "members": range_table(whole["scores"], members) if len(members) > 1 else [],
+        "members": range_table(whole["scores"], members, _parameters(study, members)) if len(members) > 1 else [],
         "sheets": printed,
     }
+
+
+def _parameters(study: Study, members: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Sampled parameters of members by their numbers as text."""
+    names = tables.sampled_parameters(study)
+    return {member: {name: float(study.members.loc[int(member), name]) for name in names} for member in members}
 
 
 def _probed(study: Study) -> dict[str, Any] | None:

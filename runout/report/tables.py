@@ -16,6 +16,7 @@ from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.scores.members import BOOKKEEPING
 from runout.stiffness import sentence_of
 from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
@@ -23,7 +24,6 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")
 # entries of run.json that the report prints in another place
 ELSEWHERE = (
     *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations", "releases"),

@@ -75,7 +75,8 @@ def test_check_lists_all_problems_of_structures_and_the_run_refuses_them(tmp_pat
 
 
 def test_check_warns_of_structures_lower_than_a_cell(tmp_path):
-    site = with_structures(tmp_path / "ramp", "  - {file: inputs/houses.gpkg, name: dam}\n", shapes=[square(38, 12, 30.0)], height=[4.0])
+    text = "  - {file: inputs/houses.gpkg, name: dam}\n"
+    site = with_structures(tmp_path / "ramp", text, shapes=[square(38, 12, 30.0)], height=[4.0])
     found = check.inspect(site, forecast=False)
     assert not found.problems
     assert sum("the structure 'dam' is 4 m high, less than one cell of 10 m" in warning for warning in found.warnings) == 1
