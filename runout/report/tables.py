@@ -353,12 +353,22 @@ def numerical_error(study: Study, settings: Mapping[str, Any]) -> str:
 
 def cells_through(study: Study, settings: Mapping[str, Any]) -> float:
     """Cells of the grid through the mean thickness of the release."""
-    stated = study.run.get("releases", {}).get("mean_thickness")
+    masses = study.run.get("releases", {}).get("masses")
     thickness = study.hazard["release_thickness"].values
-    mean = float(thickness[thickness > 0].mean()) if stated is None else float(stated)  # earlier runs state none
+    mean = float(thickness[thickness > 0].mean())  # of runs that recorded no masses
+    if masses:
+        mean = sum(one["volume"] for one in masses) / sum(one["area"] for one in masses)
     return mean / float(np.ravel(settings["simulation"]["cell_size"])[-1])
 
 
 def release_statements(study: Study) -> list[str]:
     """What is stated of each release, and what starts together."""
-    return [f"{said[:1].upper()}{said[1:]}." for said in study.run.get("releases", {}).get("statements", [])]
+    recorded = study.run.get("releases", {})
+    return [*map(_mass, recorded.get("masses", [])), *(f"{said[:1].upper()}{said[1:]}." for said in recorded.get("start", []))]
+
+
+def _mass(one: Mapping[str, Any]) -> str:
+    """Sentence on one release."""
+    mean, most = (quantity(one[name], "m") for name in ("mean_thickness", "largest_thickness"))
+    size = f"{volume(one['volume'])} on {quantity(one['area'], 'm2')}"
+    return f"Release {one['name']}: {size}, {mean} thick on average, {most} at most, {one['shape']}."

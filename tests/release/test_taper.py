@@ -60,8 +60,7 @@ def test_the_stated_thickness_is_the_mean_that_is_printed_and_the_tapered_edge_e
     assert release.mean_thickness == pytest.approx(15.0, rel=1e-9)
     assert "thickness: 15 m on average" in repr(release)
     said = statement(release)
-    assert "excavated, tapered edge, 15 m thick on average" in said
-    assert f"{release.thickness.max():.3g} m at most; it thins out to its outline and keeps its volume" in said
+    assert f"15 m thick on average, {release.thickness.max():.3g} m at most, excavated, tapered edge: it thins out" in said
     assert separate_parts(release) == 2
     (together,) = start_sentences([release])
     assert "its 2 separate polygons start together at time zero" in together

@@ -27,7 +27,7 @@ def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
     code, out = said(capsys, "check", folder)
     assert code == ExitCode.OK
     assert "problem" not in out
-    assert "release slab: 2.88e+04 m3 on 3600 m2, on_surface" in out
+    assert "release slab: 2.88e+04 m3 on 3600 m2, 8 m thick on average, 8 m at most, on surface" in out
     assert "is forecast to have 0.33 cells through a depth of 3.29 m" in " ".join(out.split())
     assert "ensemble run the members: 4 of 4 members to simulate" in out
     assert all(word in out for word in ("particles", "steps", "time", "memory", "disk"))
