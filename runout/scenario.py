@@ -60,8 +60,7 @@ def build_scene(
     releases = [release] if isinstance(release, Release) else list(release)
     if not releases:
         raise ReleaseError("no release is given; at least one is needed")
-    _require_kinds(material, basal_friction, friction_zones, structures)
-    basal = basal_friction or math.radians(checked("basal_friction_angle", basal_friction_angle, error=ConfigError))
+    basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
     frictions = basal_strength.frictions_under(releases, basal)
     spacing = spacing_of(cell_size)
     if particles_per_cell is None:
@@ -92,8 +91,16 @@ def build_scene(
     return scene, particles if in_chunks else gathered(particles)
 
 
-def _require_kinds(material: Any, basal_friction: Any, friction_zones: Any, structures: Any) -> None:
-    """Raise ConfigError, with the remedy, for arguments that are of another kind, such as a number in place of a law."""
+def _checked_friction(
+    material: Any, basal_friction: Any, angle_deg: Any, friction_zones: Any, structures: Any
+) -> BasalFriction | float:
+    """Basal friction of the run, or its angle [rad].
+
+    Raises
+    ------
+    ConfigError
+        For an argument of another kind, such as a number in place of a law, or an angle out of range.
+    """
     require_kind(Material, material, "material", MATERIAL_REMEDY, ConfigError)
     angle = f"{FRICTION_REMEDY}, or leave it out and write basal_friction_angle=20.0 in degrees"
     require_kind(BasalFriction | None, basal_friction, "basal_friction", angle, ConfigError)
@@ -101,6 +108,7 @@ def _require_kinds(material: Any, basal_friction: Any, friction_zones: Any, stru
     require_kind(FrictionZones | None, friction_zones, "friction_zones", zones, ConfigError)
     bodies = "give the structures of runout.Structures.from_file(FILE, terrain, ...)"
     require_kind(Structures | StructureField | None, structures, "structures", bodies, ConfigError)
+    return basal_friction or math.radians(checked("basal_friction_angle", angle_deg, error=ConfigError))  # type: ignore[no-any-return]
 
 
 def _mixed(frictions: Sequence[float | BasalFriction], strengths: Sequence[float]) -> int:
