@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from types import UnionType
 from typing import Any, TypeVar
 
 Choice = TypeVar("Choice", bound=StrEnum)
@@ -55,6 +56,12 @@ def member_of(kind: type[Choice], value: Any, name: str, error: type[InputError]
         return kind(value)
     except ValueError:
         raise error(f"{name} is {value!r}; choose one of {', '.join(kind)}") from None
+
+
+def require_kind(kind: type | UnionType, value: Any, name: str, remedy: str, error: type[InputError]) -> None:
+    """Raise ``error``, which names the argument, its value and the remedy, unless a value is of a kind."""
+    if not isinstance(value, kind):
+        raise error(f"{name} is {repr(value)[:80]}; {remedy}")
 
 
 @dataclass(frozen=True)

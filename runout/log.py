@@ -2,9 +2,11 @@
 
 import json
 import logging
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -18,7 +20,24 @@ if TYPE_CHECKING:
 LOGGER = logging.getLogger("runout")
 WARNINGS = logging.getLogger("py.warnings")  # loggers of libraries: always in the log file, on the terminal with -v
 STANDARD_FIELDS = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime"}
+MEMBER: ContextVar[int | None] = ContextVar("member", default=None)  # number of the member that is being simulated
 LEVELS = {-1: logging.WARNING, 0: logging.INFO, 1: logging.DEBUG}
+
+
+@contextmanager
+def of_member(number: int) -> Iterator[None]:
+    """Context whose messages are those of a member."""
+    token = MEMBER.set(number)
+    try:
+        yield
+    finally:
+        MEMBER.reset(token)
+
+
+def member_of(record: logging.LogRecord) -> int | None:
+    """Number of the member of a message; None if it is of none."""
+    stated: int | None = getattr(record, "member", None)
+    return MEMBER.get() if stated is None else stated
 
 
 class JsonLines(logging.Formatter):
@@ -31,6 +50,7 @@ class JsonLines(logging.Formatter):
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),
+            **({} if member_of(record) is None else {"member": member_of(record)}),
             **{k: v for k, v in vars(record).items() if k not in STANDARD_FIELDS},
         }
         if record.exc_info:
@@ -54,7 +74,11 @@ def output() -> "Console":
 
 
 class Terminal(logging.Handler):
-    """Messages on the terminal: one line each without wrapping, so that paths can be copied; repeated messages are left out."""
+    """Messages on the terminal: one line each without wrapping, so that paths can be copied; repeated messages are left out.
+
+    A file or pipe gets the messages of every member, and those marked ``progress``, in place of the bar; a screen gets the first of
+    those that differ in their numbers only.
+    """
 
     def __init__(self, level: int):
         super().__init__(level)
@@ -62,14 +86,19 @@ class Terminal(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one message; warnings and errors are marked."""
-        if record.getMessage() in self.said:
+        text, member, on_screen = record.getMessage(), member_of(record), console().is_terminal
+        named = text if member is None or text.startswith(f"member {member}") else f"member {member}: {text}"
+        key = text if on_screen else named
+        if on_screen and named != text:  # one of those that differ in their numbers; the file has all
+            key = re.sub(r"\d[\d.e+-]*", "#", text)
+        if key in self.said or (on_screen and getattr(record, "progress", False)):
             return
-        self.said.add(record.getMessage())
+        self.said.add(key)
         from rich.text import Text
 
         style = "yellow" if record.levelno < logging.ERROR else "bold red"
         mark = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
-        console().print(Text.assemble((mark, style), (record.getMessage(), "dim" if record.levelno < logging.INFO else "")))
+        console().print(Text.assemble((mark, style), (named, "dim" if record.levelno < logging.INFO else "")))
         if record.exc_info:
             console().print(logging.Formatter().formatException(record.exc_info), markup=False, style="dim")
 

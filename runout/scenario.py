@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from runout.accuracy import CFL
-from runout.errors import ConfigError, ReleaseError
+from runout.errors import ConfigError, ReleaseError, require_kind
 from runout.memory import Extent, expected_extent
 from runout.model import basal_strength
-from runout.model.basal_friction import BasalFriction
+from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.limits import checked, spacing_of
-from runout.model.materials import Material
+from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.particle_source import gathered
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
@@ -60,7 +60,7 @@ def build_scene(
     releases = [release] if isinstance(release, Release) else list(release)
     if not releases:
         raise ReleaseError("no release is given; at least one is needed")
-    basal = basal_friction or math.radians(checked("basal_friction_angle", basal_friction_angle, error=ConfigError))
+    basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
     frictions = basal_strength.frictions_under(releases, basal)
     spacing = spacing_of(cell_size)
     if particles_per_cell is None:
@@ -89,6 +89,26 @@ def build_scene(
     press = pressed_by(scene, releases)
     particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _checked_friction(
+    material: Any, basal_friction: Any, angle_deg: Any, friction_zones: Any, structures: Any
+) -> BasalFriction | float:
+    """Basal friction of the run, or its angle [rad].
+
+    Raises
+    ------
+    ConfigError
+        For an argument of another kind, such as a number in place of a law, or an angle out of range.
+    """
+    require_kind(Material, material, "material", MATERIAL_REMEDY, ConfigError)
+    angle = f"{FRICTION_REMEDY}, or leave it out and write basal_friction_angle=20.0 in degrees"
+    require_kind(BasalFriction | None, basal_friction, "basal_friction", angle, ConfigError)
+    zones = "give runout.FrictionZones.from_vector(FILE, terrain, ...)"
+    require_kind(FrictionZones | None, friction_zones, "friction_zones", zones, ConfigError)
+    bodies = "give the structures of runout.Structures.from_file(FILE, terrain, ...)"
+    require_kind(Structures | StructureField | None, structures, "structures", bodies, ConfigError)
+    return basal_friction or math.radians(checked("basal_friction_angle", angle_deg, error=ConfigError))  # type: ignore[no-any-return]
 
 
 def _mixed(frictions: Sequence[float | BasalFriction], strengths: Sequence[float]) -> int:

@@ -15,10 +15,11 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Outcome:
-    """A finished member, with its error if it failed."""
+    """A finished member, with its error if it failed, and the seconds that it took; None for one of several together."""
 
     member: Member
     error: BaseException | None = None
+    seconds: float | None = None
 
 
 class WorkerDeathError(CapacityError):
@@ -60,6 +61,8 @@ def feed(crew: Crew, groups: Sequence[Group], advance: Callable[[int, float], No
                 for number, fraction in said.fractions.items():
                     advance(number, fraction)
             elif isinstance(said, Done):
+                for warning in said.said:
+                    warning.repeat()
                 yield from outcomes(group, said)
             else:
                 LOGGER.warning("the worker of %s died", ", ".join(f"member {member.number}" for member in group))
@@ -72,7 +75,7 @@ def feed(crew: Crew, groups: Sequence[Group], advance: Callable[[int, float], No
 def outcomes(group: Group, ended: Done) -> Iterator[Outcome]:
     """Outcomes of the members of a group that ended with an error of the group or with errors of members."""
     for member in group:
-        yield Outcome(member, ended.error or ended.errors.get(member.number))
+        yield Outcome(member, ended.error or ended.errors.get(member.number), ended.seconds if len(group) == 1 else None)
 
 
 def _death(said: Died) -> WorkerDeathError:

@@ -69,7 +69,8 @@ def on_cluster(cluster: Cluster, order: Order, advance: Callable[[int, float], N
         needs = Needs(work.device, members_folder(work.results), mark, inputs)
         with closing(Fleet(client, order, needs, replace)) as fleet:
             for outcome in feed(fleet, work.groups(), advance):
-                yield outcome if outcome.error else Outcome(outcome.member, _unseen(outcome.member.file(work.results)))
+                member, seconds = outcome.member, outcome.seconds
+                yield outcome if outcome.error else Outcome(member, _unseen(member.file(work.results)), seconds)
 
 
 def _unseen(path: Path) -> ClusterError | None:

@@ -13,6 +13,7 @@ from runout.ensemble.design import Design, member_table
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
+from runout.log import of_member
 from runout.map_quantities import member_map_names
 
 if TYPE_CHECKING:
@@ -190,7 +191,8 @@ def simulate_member(
     taken = signature(simulate).parameters
     timer = StepTimer(progress)
     offered = {"checkpoint": member.checkpoint_file(results), "progress": timer}
-    result = simulate(**arguments, **{name: value for name, value in offered.items() if name in taken})
+    with of_member(member.number):
+        result = simulate(**arguments, **{name: value for name, value in offered.items() if name in taken})
     _write(site, member, result, results)
     timer.note(arguments, result)
 

@@ -275,6 +275,7 @@ class _Tally:
                     raise outcome.error
                 if outcome.error is None or self._made_elsewhere(outcome.member):
                     self._book(outcome.member)
+                    self._say_done(outcome)
                 else:
                     self._book_failure(outcome.member, _failure(outcome.member, outcome.error))
                 self._tell()
@@ -297,6 +298,14 @@ class _Tally:
         if self.elsewhere:  # else the member has logged it; this process opens no file between two that it writes
             log_work_of_file(member.number, file)
         self._clear(member)
+
+    def _say_done(self, outcome: Outcome) -> None:
+        """Log the end of a member; on a terminal the bar shows it."""
+        member, seconds = outcome.member, outcome.seconds
+        took = "" if seconds is None else f" in {seconds:.1f} s"
+        finished = self.of - len(self.waiting) + self.finished_now
+        marks = {"member": member.number, "progress": True}
+        LOGGER.info("member %d (%s) done%s, %d of %d", member.number, member.name, took, finished, self.of, extra=marks)
 
     def _book_failure(self, member: Member, failure: Failure) -> None:
         self.failed[member.number] = failure.reason

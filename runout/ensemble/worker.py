@@ -12,7 +12,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -23,6 +23,7 @@ from typing import Protocol
 from runout.ensemble.member import Member
 from runout.errors import DeviceError
 from runout.lifetime import children_allowed, end_with_parent, interrupts_kept
+from runout.log import MEMBER
 from runout.without_dask import hide_dask
 
 TICK_SECONDS = 0.5  # [s] between two progress messages of a worker
@@ -55,11 +56,48 @@ class Progress:
 
 
 @dataclass(frozen=True)
+class Said:
+    """A warning of a member: its number, the name of the logger, the level and the text."""
+
+    member: int
+    logger: str
+    level: int
+    text: str
+
+    def repeat(self) -> None:
+        """Log it in this process."""
+        logging.getLogger(self.logger).log(self.level, "%s", self.text, extra={"member": self.member})
+
+
+@dataclass(frozen=True)
 class Done:
-    """A group has ended, with an error of the group or errors of members."""
+    """A group has ended, with an error of the group or errors of members, after so many seconds, with warnings of members."""
 
     error: BaseException | None = None
     errors: dict[int, BaseException] = field(default_factory=dict)
+    seconds: float = field(default=0.0, compare=False)
+    said: tuple[Said, ...] = ()
+
+
+class MemberWarnings(logging.Handler):
+    """Context that keeps the warnings of members, each text once a member, in the order in which they come."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.said: dict[Said, None] = {}
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a warning; those of no member are on the inputs, which the parent process has logged."""
+        member = MEMBER.get()
+        if member is not None:
+            self.said[Said(member, record.name, record.levelno, record.getMessage())] = None
+
+    def __enter__(self) -> "MemberWarnings":
+        logging.getLogger("runout").addHandler(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        logging.getLogger("runout").removeHandler(self)
 
 
 class Failures:
@@ -78,9 +116,10 @@ class Failures:
 
 def done(task: Task, group: Group, tell: Callable[[int, float], None], device: str | None) -> Done:
     """Message on the end of a group."""
-    with Failures() as failures:
-        return Done(errors=dict(task(group, progress=tell, device=device)))
-    return Done(failures.error)
+    started, errors = time.perf_counter(), dict[int, BaseException]()
+    with MemberWarnings() as warnings, Failures() as failures:
+        errors.update(task(group, progress=tell, device=device))
+    return Done(failures.error, errors, time.perf_counter() - started, tuple(warnings.said))
 
 
 @dataclass
@@ -197,7 +236,7 @@ def _teller(pipe: Connection) -> Callable[[int, float], None]:
 def _portable(outcome: Done) -> Done:
     """The message with errors that can be pickled; each keeps its traceback as a note."""
     errors = {number: _noted(error) for number, error in outcome.errors.items()}
-    return Done(outcome.error and _noted(outcome.error), errors)
+    return replace(outcome, error=outcome.error and _noted(outcome.error), errors=errors)
 
 
 def _noted(error: BaseException) -> BaseException:

@@ -28,6 +28,7 @@ from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
 from runout.stiffness import RECORDED, extremes
 from runout.terrain.fill import continued
@@ -239,6 +240,7 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
     stated = stated_metadata(site)
     origin |= {"metadata": stated} if stated else {}
+    origin["releases"] = {"masses": [record(release) for release in releases], "start": list(start_sentences(releases))}
     state |= {"growth": ensemble.growth} if ensemble.growth else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DISTANCE = "distance"
+ROUND_OFF = 1e-9  # of summed weights
 PIECES = 2  # values along the shorter side of a cell, at least
 
 
@@ -97,7 +98,8 @@ def ensemble_profiles(
 
     A percentile is that of each place for itself: the smallest value at which the summed weight reaches it. Members that do not
     arrive count as infinity in the arrival time. ``excavated`` (rows, columns) [m] is what releases with a volume factor of 1 take
-    away.
+    away. No member has a profile of percentiles: the attribute ``median_front`` is the position in ``files`` of the member whose
+    front along the line is the median.
     """
     w, wanted, found = normalised(weights, len(files)), [ProfileLine.of(line, terrain, excavated) for line in lines], []
     for line, members in zip(wanted, _values(files, wanted, terrain), strict=True):
@@ -106,8 +108,16 @@ def ensemble_profiles(
             stacked = np.stack([member[name] for member in members])
             values[name] = percentiles_of(stacked, w, percentiles)
         values["arrival_probability"] = ((np.stack([m[ARRIVAL] for m in members]) >= 0.0) * w[:, None]).sum(axis=0).clip(0.0, 1.0)
-        found.append(_dataset(line, terrain, values, percentiles).assign_attrs(members=len(files)))
+        of_all = {"members": len(files), "median_front": _median_front(line, members, w)}
+        found.append(_dataset(line, terrain, values, percentiles).assign_attrs(of_all))
     return found
+
+
+def _median_front(line: ProfileLine, members: Sequence[Mapping[str, np.ndarray]], weights: np.ndarray) -> int:
+    """Position of the member whose farthest place along a line with an arrival is the weighted median of all."""
+    fronts = np.array([line.distance[member[ARRIVAL] >= 0.0].max(initial=-1.0) for member in members])
+    order = np.argsort(fronts, kind="stable")
+    return int(order[np.searchsorted(np.cumsum(weights[order]), 0.5 - ROUND_OFF)])
 
 
 def _values(files: Sequence[Path], lines: list[ProfileLine], terrain: Terrain) -> list[list[dict[str, np.ndarray]]]:

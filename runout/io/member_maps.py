@@ -18,6 +18,7 @@ from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 MEMBER_MAPS = member_map_names()
@@ -240,3 +241,14 @@ def read_maps(path: str | os.PathLike[str]) -> "xr.Dataset":
         for name in MEMBER_MAPS:
             netcdf.add_map(dataset, name, member.layer(name, known))
     return dataset
+
+
+def member_table(path: Path) -> "pd.DataFrame":
+    """Weights, seeds, parameters, status and reasons of the members: all variables whose only dimension is ``realization``."""
+    import pandas as pd
+    import xarray as xr
+
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stack:
+        names = [str(n) for n, v in stack.data_vars.items() if v.dims == ("realization",)]
+        columns = {name: stack[name].values for name in names}
+        return pd.DataFrame(columns, index=pd.Index(stack["realization"].values.astype(int), name="realization"))

@@ -35,6 +35,12 @@ NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none", "GDAL_VRT_ENABLE_PYTHON"
 SERVICES = "WFS,OAPIF,OGCAPI,CSW,HTTP,OGR_VRT,GPSBabel,GDALG,ADBC,Elasticsearch,Carto,AmigoCloud,PLSCENES,NGW,EEDA,GTFS,MapML,PDF"
 BYTES_PER_CELL = 80  # peak memory of reading, preparing and checking a raster (79 measured with 16 million cells)
 MOST_FEATURES = 100_000
+NAMED = 5  # broken features that a message names
+BROKEN = {  # remedies by a part of the reason of GEOS
+    "closed linestring": "a ring is not closed; add its first point once more at its end",
+    "LinearRing": "a ring has too few points; give it three corners or more, and its first point once more at its end",
+    "point array": "a line or ring has one point; give a line two, and a ring three corners and its first point once more",
+}
 
 
 @contextmanager
@@ -222,14 +228,19 @@ class VectorFile:
     def read(self, layer: str) -> tuple[Any, str]:
         """GeoDataFrame of a layer, and the name of the GDAL driver."""
         import geopandas
+        from shapely.errors import ShapelyError
 
         information = self.information(layer)
         count = information["features"]
         if count > MOST_FEATURES:
             remedy = "cut it to the area under study"
             raise self.error(f"{self.path}: layer {layer!r} has {count} features, more than {MOST_FEATURES}; {remedy}")
-        with _reading(self):
-            frame = geopandas.read_file(self.target, layer=layer, engine="pyogrio", on_invalid="raise")
+        with _reading(self) as pyogrio:
+            try:
+                frame = geopandas.read_file(self.target, layer=layer, engine="pyogrio", on_invalid="raise")
+            except ShapelyError as cause:
+                broken = pyogrio.raw.read(self.target, layer=layer, columns=[])[2]
+                raise self.error("\n".join(_broken(self.path, broken)) or f"{self.path}: {cause}") from cause
             require_own_grids(frame.crs.to_wkt() if frame.crs else "", self.path, self.error)
         self._require_usable(frame)
         return frame, str(information["driver"])
@@ -282,6 +293,25 @@ def _uri(path: Path, error: type[InputError]) -> str:
     raise error(f"{path}: a vector file cannot be read under this name; rename it or its folder without !")
 
 
+def _broken(path: Path, encoded: Any) -> Iterator[str]:
+    """Messages on the first features whose geometry (WKB) cannot be read, each with its remedy."""
+    import shapely
+    from shapely.errors import ShapelyError
+
+    count = 0
+    for number, one in enumerate(encoded, 1):
+        try:
+            shapely.from_wkb(one)
+        except ShapelyError as cause:
+            count += 1
+            if count <= NAMED:
+                reason = str(cause).strip().removeprefix("IllegalArgumentException: ")
+                remedy = next((words for sign, words in BROKEN.items() if sign in reason), "draw it anew")
+                yield f"{path}: feature {number} has a broken geometry ({reason}); {remedy}"
+    if count > NAMED:
+        yield f"{path}: {count - NAMED} features more have a broken geometry"
+
+
 def _vector_remedy(path: Path) -> str:
     return f"use GeoPackage, Shapefile, GeoJSON or FlatGeobuf, unpacked: `ogr2ogr polygons.gpkg {path}`"
 
@@ -292,7 +322,6 @@ def _reading(file: VectorFile) -> Iterator[Any]:
     pyogrio = _pyogrio()
     from pyogrio.errors import DataLayerError, DataSourceError
     from pyproj.exceptions import ProjError
-    from shapely.errors import ShapelyError
 
     before = {name: pyogrio.get_gdal_config_option(name) for name in NO_NETWORK}
     pyogrio.set_gdal_config_options(NO_NETWORK)
@@ -300,9 +329,6 @@ def _reading(file: VectorFile) -> Iterator[Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # warnings of GDAL; the result is checked instead
             yield pyogrio
-    except ShapelyError as cause:
-        remedy = "close every ring, with four points or more; give every line two"
-        raise file.error(f"{file.path}: holds a broken geometry ({str(cause).strip()}); {remedy}") from cause
     except (DataSourceError, DataLayerError, ProjError, UnicodeError) as cause:
         remedy = "use GeoPackage, Shapefile or GeoJSON"
         raise file.error(f"{file.path}: cannot be read as a vector file ({cause}); {remedy}") from cause

@@ -12,13 +12,14 @@ import numpy as np
 from runout.errors import ReleaseError
 from runout.io.boundary import exists, names_in
 from runout.io.opening import open_vector
+from runout.io.polygon_faults import fault_message
 from runout.io.polygon_overlap import SLIVER, cut, overlaps_of
 from runout.io.polygon_reproject import polygons_on_terrain
 from runout.model.limits import checked, checked_within
 from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
 
-NAMED = 5  # pairs that a message names
+NAMED = 5  # pairs or polygons that a message names
 
 
 def is_missing(value: Any) -> bool:
@@ -134,22 +135,22 @@ def read_polygons(
 ) -> PolygonLayer:
     """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages, ``key`` what chooses the layer.
 
-    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out. Slivers below a thousandth
-    of a cell of the terrain are left out with a sentence.
+    A list of ``faults`` takes the messages on polygons that are not valid, which are then left out. Slivers below a thousandth of a
+    cell of the terrain are left out with a sentence.
 
     Raises
     ------
     ReleaseError
         Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
-        features without a geometry, or polygons that cross themselves (with the place).
+        features without a geometry, or polygons that are not valid: each with its place and its own remedy.
     """
     drawn = read_drawn(path, terrain, layer, what, key)
-    geometry, crossed = drawn.polygons, _crossed(drawn)
-    if crossed and faults is None:
-        raise ReleaseError(next(iter(crossed.values())))
+    geometry, invalid = drawn.polygons, _invalid(drawn, what)
+    if invalid and faults is None:
+        raise ReleaseError(_joined(list(invalid.values())))
     if faults is not None:
-        faults += crossed.values()
-    sound = np.array([row not in crossed for row in range(len(geometry))])
+        faults += invalid.values()
+    sound = np.array([row not in invalid for row in range(len(geometry))])
     return replace(drawn, polygons=geometry[sound], attributes=drawn.attributes[sound])
 
 
@@ -225,20 +226,18 @@ def _without_slivers(path: Path, geometry: np.ndarray, least: float) -> tuple[np
     return kept, (said,)
 
 
-def _crossed(layer: PolygonLayer) -> dict[int, str]:
+def _invalid(layer: PolygonLayer, what: str) -> dict[int, str]:
     """Messages on the polygons that are not valid, by their rows."""
     import shapely
 
-    found, path, geometry = {}, layer.source, layer.polygons
-    for number in np.flatnonzero(~shapely.is_valid(geometry)).tolist():
-        reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
-        at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
-        found[number] = (
-            f"{path}: polygon {layer.number(number)} is not valid, {reason.strip().lower()}{at}; mend it in the "
-            f"GIS (QGIS: Fix geometries) or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose "
-            "or gain area"
-        )
-    return found
+    rows = np.flatnonzero(~shapely.is_valid(layer.polygons)).tolist()
+    return {row: fault_message(layer.source, layer.number(row), layer.polygons[row], what) for row in rows}
+
+
+def _joined(messages: Sequence[str]) -> str:
+    """The first messages in lines, and how many more there are."""
+    more = len(messages) - NAMED
+    return "\n".join([*messages[:NAMED], *([f"and {more} polygons more are not valid"] if more > 0 else [])])
 
 
 def without_overlap(

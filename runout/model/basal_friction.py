@@ -8,6 +8,7 @@ from runout.errors import ConfigError
 from runout.model.parameters import parameters_of
 
 USUAL_ANGLE = 20.0  # [deg] of a run that states no friction
+FRICTION_REMEDY = "give a law of friction, for example runout.Coulomb(friction_angle=20.0) in degrees"
 
 
 class MassAbove(NamedTuple):

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
@@ -24,19 +23,8 @@ def strengths(materials: Sequence[Material], height: float) -> tuple[float, ...]
 
 
 def frictions_under(releases: Sequence[Release], basal: BasalFriction | float) -> list[BasalFriction | float]:
-    """Basal friction under each release, or its friction angle [rad]; ``basal`` is that of the run.
-
-    Raises
-    ------
-    ConfigError
-        If an angle is out of its range.
-    """
-    frictions = [r.friction_on(basal) for r in releases]
-    angles = [f for f in frictions if isinstance(f, float)]
-    if not all(0 <= a <= math.radians(60) for a in angles):
-        worst = max(angles, key=lambda a: abs(a - 0.5))
-        raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
-    return frictions
+    """Basal friction under each release, or its friction angle [rad]; ``basal`` is that of the run."""
+    return [r.friction_on(basal) for r in releases]
 
 
 def least_angle(frictions: Sequence[BasalFriction | float], strength: Sequence[float], zones: FrictionZones | None = None) -> float:

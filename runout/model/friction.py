@@ -13,6 +13,7 @@ import numpy as np
 from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FrictionLaw, numbers_of
+from runout.model.limits import checked_coefficient
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.physics.contact import zone_friction
@@ -67,6 +68,7 @@ class FrictionZones:
             wrong = values[~(np.isfinite(values) & (values >= 0))]
             if len(wrong):
                 raise ConfigError(f"{name} of a friction zone is {wrong[0]:g}; it must be a number of 0 or more")
+        checked_coefficient(float(self.coefficient.max(initial=0.0)), "coefficient of a friction zone", error=ConfigError)
 
     @classmethod
     def from_vector(

@@ -132,6 +132,44 @@ def checked_within(valid: Range, what: str, value: Any, *, error: Callable[[str]
     return number
 
 
+def checked_radians(name: str, value: Any, what: str, *, error: Callable[[str], Exception] = InputError) -> float:
+    """An angle [rad] as a number, within the limits of a quantity of :data:`LIMITS` in degrees; ``what`` names it in messages.
+
+    Raises
+    ------
+    error
+        If it is not a finite number or outside the limits; for a number of degrees the remedy converts it.
+    """
+    valid = LIMITS[name]
+    if not is_number(value) or not math.isfinite(value):
+        raise error(f"{what} is {value!r}; it must be a finite number in radians, for example math.radians(20)")
+    number, turned = float(value), math.degrees(value)
+    if valid.holds(round(turned, 9)):
+        return number
+    meant = f"; write math.radians({number:g}) if it is in degrees" if valid.holds(number) else ""
+    most = f"{math.radians(valid.high):.4g} rad ({valid.high:g} deg)"
+    raise error(f"{what} is {number:g} rad ({turned:.4g} deg); it must be at least {valid.low:g} and at most {most}{meant}")
+
+
+def checked_coefficient(value: float, what: str, *, error: Callable[[str], Exception] = InputError) -> float:
+    """A Coulomb coefficient [1], the tangent of a friction angle; ``what`` names it in messages.
+
+    Raises
+    ------
+    error
+        If it is not a finite number, or that of no friction angle; for a number of degrees the remedy converts it.
+    """
+    valid = LIMITS["basal_friction_angle"]
+    if not is_number(value) or not math.isfinite(value) or value < 0:
+        raise error(f"{what} is {value!r}; it must be a number of 0 or more, the tangent of the friction angle")
+    turned = math.degrees(math.atan(value))
+    if round(turned, 9) <= valid.high:
+        return float(value)
+    meant = f"; write math.tan(math.radians({value:g})) if it is an angle in degrees" if valid.holds(float(value)) else ""
+    most = f"{math.tan(math.radians(valid.high)):.3g} ({valid.high:g} deg)"
+    raise error(f"{what} is {value:g}, the tangent of {turned:.3g} deg; it must be at most {most}{meant}")
+
+
 def spacing_of(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:
     """Spacing of the grid [m] along x, y and z from one number or three; ConfigError outside the limits."""
     import numpy as np

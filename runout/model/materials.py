@@ -12,6 +12,7 @@ from runout.physics import elastic, geostatic, numerical_scales
 RULE = ("wave_ratio", "weight_strain")  # parameters by which a modulus is chosen
 LARGEST_COMPRESSION = 0.3  # elastic strain of a column under its own weight
 MODULUS_DIGITS = 3  # significant digits of a chosen modulus, rounded up; files record all of them
+MATERIAL_REMEDY = "give a material, for example runout.DruckerPrager(density=2000.0, friction_angle=30.0) with angles in degrees"
 UNYIELDING = 1e6  # slope of the yield cone of a material that never yields [1]
 
 

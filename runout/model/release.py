@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from runout.errors import ReleaseError, member_of
+from runout.errors import ReleaseError, member_of, require_kind
 from runout.model.arrays import real_array
-from runout.model.basal_friction import BasalFriction
+from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
 from runout.model.facts import as_html, as_text, short
-from runout.model.limits import LIMITS
-from runout.model.materials import Material
+from runout.model.limits import LIMITS, checked_radians
+from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 
@@ -109,6 +109,20 @@ class Release:
         t.setflags(write=False)
         object.__setattr__(self, "thickness", t)
         object.__setattr__(self, "placement", Placement.of(self.placement))
+        self._require_laws()
+
+    def _require_laws(self) -> None:
+        """Raise ReleaseError if material, friction law or friction angle of its own are of another kind or out of range."""
+        own = f"{self.source}: release {self.name}"
+        if self.material is not None:
+            require_kind(Material, self.material, f"{own}: material", MATERIAL_REMEDY, ReleaseError)
+        if self.basal_friction is not None:
+            remedy = f"{FRICTION_REMEDY}, or basal_friction_angle=math.radians(20)"
+            require_kind(BasalFriction, self.basal_friction, f"{own}: basal_friction", remedy, ReleaseError)
+        if self.basal_friction_angle is not None:
+            what = f"{own}: basal_friction_angle"
+            angle = checked_radians("basal_friction_angle", self.basal_friction_angle, what, error=ReleaseError)
+            object.__setattr__(self, "basal_friction_angle", angle)
 
     def _require_in_limits(self, thickness: np.ndarray) -> None:
         """Raise ReleaseError if thickness [m] or volume are outside their limits; names the first cell."""
@@ -197,14 +211,14 @@ class Release:
         return reader("Release.plot")(self, title=title)
 
     def _facts(self) -> dict[str, str]:
-        released = self.thickness > 0
+        thins = "; thins out to its outline and keeps its volume" if self.edge is Edge.TAPERED else ""
         return {
             "name": self.name,
             "volume": short(self.volume, "m3"),
             "area": short(self.area, "m2"),
-            "thickness": f"{short(self.thickness[released].mean())} m on average, {short(self.thickness.max())} m at most",
+            "thickness": f"{short(self.mean_thickness)} m on average, {short(self.thickness.max())} m at most",
             "placement": str(self.placement),
-            "edge": str(self.edge),
+            "edge": f"{self.edge}{thins}",
             "source": self.source,
         }
 
@@ -230,6 +244,11 @@ class Release:
     def volume(self) -> float:
         """Released volume [m3]."""
         return float(self.thickness.sum() * self.terrain.cell_area)
+
+    @property
+    def mean_thickness(self) -> float:
+        """Volume over area [m]: the stated thickness of polygons, whatever their edge."""
+        return self.volume / self.area
 
     @property
     def area(self) -> float:

@@ -21,6 +21,7 @@ from runout.release.volume import matched
 
 log = logging.getLogger(__name__)
 
+LEAST_COVER = 0.01  # share of a cell of the terrain that the polygons of a release cover at least
 LOST_VOLUME = 1e-6  # share of a raster's volume that may fall outside the terrain by round-off of its header
 
 
@@ -246,6 +247,10 @@ def _united(parts: np.ndarray, what: str, terrain: Terrain) -> Any:
 
     outline = shapely.union_all(parts)
     require_inside(outline, terrain, what)
+    if outline.area < LEAST_COVER * terrain.cell_area:
+        share = f"{outline.area / terrain.cell_area:.2g} of one cell of the terrain {terrain.source}"
+        remedy = "draw it larger, or check its unit and coordinate system"
+        raise ReleaseError(f"{what}: covers {outline.area:.3g} m2, {share}; {remedy}")
     return outline
 
 

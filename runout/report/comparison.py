@@ -12,7 +12,7 @@ from runout.report.html import embedded, render
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.picture import MapPictures
-from runout.report.scores import counts_in_words, score_tables
+from runout.report.scores import ScoreTable, counts_in_words, range_table, score_tables
 from runout.report.values import STYLES, MapStyle
 from runout.report.wording import number, unit
 from runout.scores.comparison import Comparison
@@ -28,6 +28,7 @@ def comparison_page(found: Comparison) -> str:
     """HTML text of one self-contained page."""
     stored = found.found.stored()
     a, b = names(found)
+    shown_a, shown_b = _shown_names(found)
     heading = [("Scored", str(found.a.path)), ("Against", str(found.b.path)), ("Grid", _grid(found))]
     return render(
         {
@@ -35,9 +36,11 @@ def comparison_page(found: Comparison) -> str:
             "heading": [*heading, ("Made by", f"runout {__version__}")],
             "lead": _lead(found),
             "scores": score_tables(stored["scores"]),
+            "best": _best(found),
+            "members": _members(found),
             "counts": [(of, counts_in_words(counts)) for of, counts in stored["counts"].items()],
-            "legend": _legend(found, a, b),
-            "sheets": list(_sheets(found, a, b)),
+            "legend": _legend(found, shown_a, shown_b),
+            "sheets": list(_sheets(found, shown_a, shown_b)),
             "changes": found.changes,
         },
         TEMPLATE,
@@ -52,6 +55,31 @@ def names(found: Comparison) -> tuple[str, str]:
     return "/".join(found.a.path.absolute().parts[-3:]), "/".join(found.b.path.absolute().parts[-3:])
 
 
+def _shown_names(found: Comparison) -> list[str]:
+    """Names of what the maps show: in place of an ensemble its best member, or the area of a probability."""
+    shown = list(names(found))
+    if found.of_ensemble is not None:
+        of = f"member {found.members[0].number}" if found.members else f"P ≥ {found.flows[found.of_ensemble].probability:g}"
+        shown[found.of_ensemble] += f", {of}"
+    return shown
+
+
+def _best(found: Comparison) -> dict[str, Any] | None:
+    """The best member: words, and tables of its scores; None without members."""
+    if not found.members:
+        return None
+    best = found.members[0]
+    words = f"Member {best.number} is the best of {len(found.members)} by {found.ranked_by}. The maps show this member"
+    return {"words": f"{words}.", "scores": score_tables([score.stored() for score in best.scores])}
+
+
+def _members(found: Comparison) -> list[ScoreTable]:
+    """Table of all members, from the best to the worst: sampled parameters and the scores of the headlines."""
+    stored = {str(one.number): [score.stored() for score in one.scores] for one in found.members}
+    parameters = {str(one.number): one.parameters for one in found.members}
+    return range_table(next(iter(stored.values()), []), stored, parameters)
+
+
 def _grid(found: Comparison) -> str:
     (rows, columns), (dx, dy) = found.grid.shape, found.grid.cell_size
     return f"{rows} x {columns} cells of {dx:.4g} x {dy:.4g} m"
@@ -60,6 +88,11 @@ def _grid(found: Comparison) -> str:
 def _lead(found: Comparison) -> str:
     known = any(score.numerical_error is not None for score in found.found.scores)
     bars = "± is the numerical error bar of the first." if known else "The numerical error of the first is not known."
+    if found.of_ensemble is not None:
+        bars += (
+            f" Of the ensemble, the area is scored that members of a summed weight of {found.flows[0].probability:g} or more reach "
+            "(P); its members are scored below, each by itself."
+        )
     return (
         "Differences are the first minus the second. Cells that one of the two does not know are in no score; they are counted "
         f"below. {bars}"

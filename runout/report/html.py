@@ -1,7 +1,7 @@
 """The report of a study: one self-contained HTML file."""
 
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.resources import files
@@ -16,7 +16,7 @@ from runout.report.maps import Basemap
 from runout.report.members import representative
 from runout.report.picture import MapPictures, encoded, png
 from runout.report.scores import counts_in_words, range_table, score_tables
-from runout.report.structures import structure_section
+from runout.report.structures import LoadError, structure_section
 from runout.report.study import Study, read_study
 from runout.report.values import STYLES, Window
 from runout.report.wording import MINUS
@@ -64,7 +64,8 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
     """Content of the template, by name."""
     settings = site.resolved()
     window = sheets.reached_window(study)
-    drawn = helpers.do(partial(_figures, study.for_figures(), window))
+    error = LoadError.of(study.convergence, tables.cells_through(study, settings))
+    drawn = helpers.do(partial(_figures, study.for_figures(), window, error))
     headline = sheets.headline_sheets(study)
     further = sheets.further_sheets(study, headline)
     observed = sheets.observed_sheets(study) if study.run.get("observations") else []
@@ -76,6 +77,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "heading": tables.heading(study),
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
+        "releases": tables.release_statements(study),
         "headline": printed[: len(headline)],
         "further": printed[len(headline) : len(headline) + len(further)],
         "legend": _legend(study),
@@ -90,10 +92,10 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
     }
 
 
-def _figures(study: Study, window: Window) -> dict[str, Any]:
+def _figures(study: Study, window: Window, error: LoadError) -> dict[str, Any]:
     """Content with pictures other than maps of results; needs :meth:`Study.for_figures` only."""
     location = embedded(sheets.location(study.basemap, window))
-    return {"structures": _structures(study), "probes": _probed(study), "location": location, **_plots(study)}
+    return {"structures": _structures(study, error), "probes": _probed(study), "location": location, **_plots(study)}
 
 
 def _legend(study: Study) -> str:
@@ -112,9 +114,9 @@ def _legend(study: Study) -> str:
     return "; ".join(lines).capitalize()
 
 
-def _structures(study: Study) -> dict[str, Any] | None:
+def _structures(study: Study, error: LoadError) -> dict[str, Any] | None:
     """Forces on structures; None for a site without any."""
-    section = structure_section(study.loads)
+    section = structure_section(study.loads, error)
     return section and {**section, "figure": embedded(png(section["figure"]) if section["figure"] else None)}
 
 
@@ -128,9 +130,15 @@ def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, A
         "statement": stated["statement"][:1].upper() + stated["statement"][1:],
         "scores": score_tables(whole["scores"]),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
-        "members": range_table(whole["scores"], members) if len(members) > 1 else [],
+        "members": range_table(whole["scores"], members, _parameters(study, members)) if len(members) > 1 else [],
         "sheets": printed,
     }
+
+
+def _parameters(study: Study, members: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Sampled parameters of members by their numbers as text."""
+    names = tables.sampled_parameters(study)
+    return {member: {name: float(study.members.loc[int(member), name]) for name in names} for member in members}
 
 
 def _probed(study: Study) -> dict[str, Any] | None:

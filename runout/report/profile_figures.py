@@ -22,22 +22,24 @@ GROUND, FLOW, DEPOSIT = "#7d7468", "#1f6f8b", "#b3651d"
 PANELS = {"max_flow_thickness": ("thickness", FLOW), "max_speed": ("speed", "#a23b72"), "arrival_time": ("arrival", "#5b7f2b")}
 
 
-def profile_figure(dataset: "xr.Dataset", title: str) -> Any:
+def profile_figure(dataset: "xr.Dataset", title: str, member: "xr.Dataset | None" = None) -> Any:
     """Figure of a profile: the section without vertical exaggeration, then peak thickness and deposit, speed and arrival.
 
-    Of an ensemble lines are medians and bands lie between the lowest and the highest percentile.
+    Of an ensemble lines are those of one ``member``, since no member has a profile of percentiles; bands lie between the lowest
+    and the highest percentile of each place.
     """
+    lines = dataset if member is None else member
     from matplotlib.figure import Figure
 
     section = float(np.clip((WIDTH - MARGIN) * ROOM * relief(dataset) / max(length(dataset), 1e-9), LOWEST, HIGHEST))
     figure = Figure(figsize=(WIDTH, section + MARGIN + PANEL * len(PANELS)), layout="constrained")
     axes = figure.subplots(1 + len(PANELS), height_ratios=[section, *(PANEL for _ in PANELS)], sharex=True)
-    draw_section(axes[0], dataset)
+    draw_section(axes[0], dataset, lines)
     axes[0].set_title(title, loc="left", fontsize=NORMAL, color=INK)
     for one, (name, (label, colour)) in zip(axes[1:], PANELS.items(), strict=True):
-        draw_quantity(one, dataset, name, colour, label)
+        draw_quantity(one, dataset, lines, name, colour, label)
         if name == "max_flow_thickness":
-            draw_quantity(one, dataset, "deposit_thickness", DEPOSIT, "deposit")
+            draw_quantity(one, dataset, lines, "deposit_thickness", DEPOSIT, "deposit")
             one.legend(fontsize=SMALL, frameon=False, loc="upper right")
         one.set_ylim(bottom=0.0)
         one.set_ylabel(f"{label}\n[{unit(VARIABLES[name].printed[0])}]")
@@ -77,18 +79,18 @@ def layers(dataset: "xr.Dataset", name: str) -> np.ndarray:
     return np.atleast_2d(dataset[name].values)
 
 
-def draw_section(axes: Any, dataset: "xr.Dataset") -> None:
-    """Ground, highest flow surface and deposit, with equal scales."""
-    distance, ground, bed = (dataset[name].values for name in (DISTANCE, "ground_elevation", "bed_elevation"))
-    flow, deposit = layers(dataset, "max_flow_thickness"), layers(dataset, "deposit_thickness")
-    middle, bottom = len(flow) // 2, np.nanmin(bed) - length(dataset) - relief(dataset)
-    of = " (median)" if PERCENTILE in dataset.dims else ""
+def draw_section(axes: Any, dataset: "xr.Dataset", lines: "xr.Dataset") -> None:
+    """Ground, highest flow surface and deposit of ``lines``, with equal scales; of an ensemble the highest percentile too."""
+    distance, ground, bed = (lines[name].values for name in (DISTANCE, "ground_elevation", "bed_elevation"))
+    flow, deposit = (lines[name].values for name in ("max_flow_thickness", "deposit_thickness"))
+    bottom = np.nanmin(bed) - length(dataset) - relief(dataset)
     axes.fill_between(distance, bottom, bed, color=GROUND, alpha=0.35, linewidth=0)
-    axes.fill_between(distance, bed, bed + deposit[middle], color=DEPOSIT, alpha=0.9, linewidth=0, label=f"deposit{of}")
-    axes.plot(distance, _surface(bed, flow[middle]), color=FLOW, linewidth=1.2, label=f"highest flow surface{of}")
-    if len(flow) > 1:
-        high = float(dataset[PERCENTILE].values[-1])
-        axes.plot(distance, _surface(bed, flow[-1]), color=FLOW, linewidth=0.8, linestyle=":", label=f"{high:g} %")
+    axes.fill_between(distance, bed, bed + np.nan_to_num(deposit), color=DEPOSIT, alpha=0.9, linewidth=0, label="deposit")
+    axes.plot(distance, _surface(bed, flow), color=FLOW, linewidth=1.2, label="highest flow surface")
+    if PERCENTILE in dataset.dims:
+        label = f"{float(dataset[PERCENTILE].values[-1]):g} % of members, each place for itself"
+        highest = _surface(bed, layers(dataset, "max_flow_thickness")[-1])
+        axes.plot(distance, highest, color=FLOW, linewidth=0.8, linestyle=":", label=label)
     axes.plot(distance, ground, color=INK, linewidth=0.9)
     if np.nanmax(ground - bed, initial=0.0) > 0.0:
         axes.plot(distance, bed, color=INK, linewidth=0.8, linestyle="--", label="ground without the release")
@@ -103,9 +105,10 @@ def _surface(bed: np.ndarray, thickness: np.ndarray) -> np.ndarray:
     return np.where(beside, bed + np.nan_to_num(thickness), np.nan)  # type: ignore[no-any-return]
 
 
-def draw_quantity(axes: Any, dataset: "xr.Dataset", name: str, colour: str, label: str) -> None:
-    """Line of a quantity along the profile; of an ensemble median and band."""
-    distance, values = dataset[DISTANCE].values, layers(dataset, name) / VARIABLES[name].printed[1]
-    if len(values) > 1:
+def draw_quantity(axes: Any, dataset: "xr.Dataset", lines: "xr.Dataset", name: str, colour: str, label: str) -> None:
+    """Line of a quantity along the profile; of an ensemble the band of its percentiles as well."""
+    distance, divisor = dataset[DISTANCE].values, VARIABLES[name].printed[1]
+    if PERCENTILE in dataset.dims:
+        values = layers(dataset, name) / divisor
         axes.fill_between(distance, values[0], values[-1], color=colour, alpha=0.2, linewidth=0)
-    axes.plot(distance, values[len(values) // 2], color=colour, linewidth=1.4, label=label)
+    axes.plot(distance, lines[name].values / divisor, color=colour, linewidth=1.4, label=label)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from runout.config.parameter_variables import parameter_variable
 from runout.report.wording import MINUS, THIN, UNKNOWN, number, quantity, unit
 from runout.scores.definitions import DEFINITIONS, printed, undefined_reasons
 from runout.variables import PRINTED
@@ -77,18 +78,41 @@ def number_of(value: float | None) -> str:
     return number(value) if abs(value) >= 0.0005 or value == 0 else f"{MINUS if value < 0 else ''}0.000"
 
 
-def range_table(ensemble: Sequence[Mapping[str, Any]], members: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[ScoreTable]:
-    """Table of the scores of each member, for those that the ensemble has; names of what is scored become part of the columns."""
+def range_table(
+    ensemble: Sequence[Mapping[str, Any]],
+    members: Mapping[str, Sequence[Mapping[str, Any]]],
+    parameters: Mapping[str, Mapping[str, float]],
+) -> list[ScoreTable]:
+    """Table of the sampled parameters and the scores of each member; names of what is scored become part of the columns.
+
+    Parameters
+    ----------
+    ensemble : sequence of mappings
+        Stored scores whose kinds are the columns.
+    members : mapping of str to sequence
+        Stored scores by member.
+    parameters : mapping of str to mapping
+        Sampled parameters of each member by name.
+    """
     kinds = [(score["of"], score["name"], score["units"]) for score in ensemble if score["name"] in HEADLINE]
-    columns = []
+    sampled = list(next(iter(parameters.values()), {}))
+    columns = [parameter_column(name) for name in sampled]
     for of, name, units in kinds:
         title, best, meaning = column(name, units)
         columns.append((title, f"{of}; {best}", meaning))
     table = ScoreTable("Member", columns)
     for member, scores in members.items():
         found = {(score["of"], score["name"]): score for score in scores}
-        table.rows.append((member, [cell(found[of, name]) if (of, name) in found else UNKNOWN for of, name, _ in kinds]))
-    return [table] if table.rows and columns else []
+        values = [number(parameters[member][name]) for name in sampled]
+        values += [cell(found[of, name]) if (of, name) in found else UNKNOWN for of, name, _ in kinds]
+        table.rows.append((member, values))
+    return [table] if table.rows and kinds else []
+
+
+def parameter_column(name: str) -> tuple[str, str, str]:
+    """Title, unit and meaning of a sampled parameter."""
+    variable = parameter_variable(name)
+    return variable.long_name.capitalize(), unit(variable.units), "sampled parameter"
 
 
 def counts_in_words(counts: Mapping[str, Any]) -> str:

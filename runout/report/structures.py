@@ -1,14 +1,16 @@
 """Forces on structures in the report: tables by facade and by dam, and force against time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.accuracy import FEWEST_MEASURED, expected_errors
 from runout.report.maps import WIDE
 from runout.report.values import NORMAL, SMALL
-from runout.report.wording import number, percent, volume
+from runout.report.wording import digits_within, number, number_within, percent, volume
 from runout.structure_series import AXES, SERIES
 
 if TYPE_CHECKING:
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
 
 MOST_LINES = 8  # structures of the figure
 KILO = 1e3
+ROUNDED = (
+    "Loads, times and volumes are rounded to the digits that a numerical error of {error} leaves ({of}); the error of single "
+    "facades is not measured."
+)
 
 
 @dataclass(frozen=True)
@@ -51,17 +57,55 @@ def read_loads(path: Path, chosen: int) -> Loads | None:
         return Loads(file.drop_vars(stacks).load(), series.isel(record=np.isfinite(series["record_time"].values)), chosen)
 
 
-def structure_section(loads: Loads | None) -> dict[str, Any] | None:
-    """Content of the section; None without structures."""
+@dataclass(frozen=True)
+class LoadError:
+    """Relative numerical error by which loads are rounded.
+
+    Attributes
+    ----------
+    share : float or None
+        [1]; None where it is not known.
+    statement : str
+        Sentence on the rounding.
+    """
+
+    share: float | None
+    statement: str
+
+    @classmethod
+    def of(cls, convergence: Mapping[str, Any] | None, cells: float) -> "LoadError":
+        """Error of the pressure map of a site where it was measured; else that expected of the thickness map of its grid.
+
+        Parameters
+        ----------
+        convergence : mapping or None
+            Content of ``convergence.json``.
+        cells : float
+            Cells through the mean thickness of the release.
+        """
+        fields = (convergence or {}).get("fields", [])
+        measured = next((one for one in fields if one.get("map") == "pressure" and "error_over_difference" in one), None)
+        if measured is not None:
+            share = float(measured["relative_l1"]) * float(measured["error_over_difference"])
+            return cls(share, ROUNDED.format(error=percent(share), of="measured for the pressure map of this site"))
+        if cells < FEWEST_MEASURED:
+            return cls(None, "Loads have one digit, since the numerical error of so few cells through the release is not known.")
+        share = expected_errors(cells)[0]
+        return cls(share, ROUNDED.format(error=percent(share), of="expected for the thickness map of this grid"))
+
+
+def structure_section(loads: Loads | None, error: LoadError) -> dict[str, Any] | None:
+    """Content of the section, with loads rounded to the digits that an error leaves; None without structures."""
     if loads is None:
         return None
     over = loads.over
     reached = np.flatnonzero(over["max_facade_force"].max("realization").values > 0)
     return {
         "headings": _headings(over),
-        "rows": [_row(over.isel(facade=k)) for k in reached],
+        "rows": [_row(over.isel(facade=k), error.share) for k in reached],
+        "rounding": error.statement,
         "untouched": over.sizes["facade"] - len(reached),
-        "dams": _dams(over),
+        "dams": _dams(over, error.share),
         "chosen": loads.chosen,
         "figure": force_figure(loads) if len(reached) else None,
     }
@@ -75,8 +119,8 @@ def _headings(over: "xr.Dataset") -> list[tuple[str, str]]:
     return [("Structure", ""), ("Facade", ""), ("Area", "m²"), *middle, *largest, *chance]
 
 
-def _row(facade: "xr.Dataset") -> list[str]:
-    """Cells of a facade."""
+def _row(facade: "xr.Dataset", error: float | None) -> list[str]:
+    """Cells of a facade; loads and times with the digits that a relative error leaves."""
     force = facade["max_facade_force"].fillna(-1.0).values
     when = float(facade["time_of_max_facade_force"].values[force.argmax()])
     largest = [float(facade[f"max_facade_{name}"].max()) / KILO for name in ("moment", "pressure", "high_pressure")]
@@ -84,27 +128,31 @@ def _row(facade: "xr.Dataset") -> list[str]:
         str(facade["structure_name"].values),
         str(facade["facade_name"].values),
         number(float(facade["facade_area"])),
-        *(number(float(v) / KILO) for v in facade["facade_force_at_percentile"].values),
-        number(float(force.max()) / KILO),
-        number(when),
-        *map(number, largest),
+        *(number_within(float(v) / KILO, error) for v in facade["facade_force_at_percentile"].values),
+        number_within(float(force.max()) / KILO, error),
+        number_within(when, error),
+        *(number_within(value, error) for value in largest),
         *(percent(float(p)) for p in facade["facade_pressure_probability"].values),
     ]
 
 
-def _dams(over: "xr.Dataset") -> list[tuple[str, str]]:
-    """Sentence on the volume behind each dam."""
+def _dams(over: "xr.Dataset", error: float | None) -> list[tuple[str, str]]:
+    """Sentence on the volume behind each dam, with the digits that a relative error leaves."""
     if "protected_area" not in over:
         return []
     found = []
     for k, name in enumerate(over["protected_area"].values):
         volumes = over["overtopping_volume_at_percentile"].values[:, k]
-        parts = [f"{p:g} %: {volume(float(v))}" for p, v in zip(over["percentile"].values, volumes, strict=True)]
-        largest = volume(float(over["overtopping_volume"].values[:, k].max()))
+        parts = [f"{p:g} %: {_volume(float(v), error)}" for p, v in zip(over["percentile"].values, volumes, strict=True)]
+        largest = _volume(float(over["overtopping_volume"].values[:, k].max()), error)
         chance = percent(float(over["overtopping_probability"].values[k]))
         by_percentile = f"volume behind it at the end by percentile, {', '.join(parts)}"
         found.append((str(name), f"probability {chance}; {by_percentile}; most {largest}"))
     return found
+
+
+def _volume(value: float, error: float | None) -> str:
+    return volume(value, digits_within(value, error))
 
 
 def force_figure(loads: Loads) -> Any:

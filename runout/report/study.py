@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
+from runout.io.member_maps import MemberMaps, member_table
 from runout.io.probe_files import SITE_FILES
 from runout.numerical_error import require_error_bars
 from runout.report.maps import Basemap
@@ -131,22 +132,9 @@ def _existing(path: Path) -> Path:
     return path
 
 
-def member_table(path: Path) -> "pd.DataFrame":
-    """Weights, seeds, parameters, status and reasons of the members: all variables whose only dimension is ``realization``."""
-    import pandas as pd
-    import xarray as xr
-
-    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stack:
-        names = [str(n) for n, v in stack.data_vars.items() if v.dims == ("realization",)]
-        columns = {name: stack[name].values for name in names}
-        return pd.DataFrame(columns, index=pd.Index(stack["realization"].values.astype(int), name="realization"))
-
-
 def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, Ledger]]":
     """Figures and ledgers of the valid members; each file is opened once, and no map is spread over the raster."""
     import pandas as pd
-
-    from runout.io.member_maps import MemberMaps
 
     figures: dict[int, dict[str, float]] = {}
     ledgers: dict[int, Ledger] = {}

@@ -16,6 +16,7 @@ from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.scores.members import BOOKKEEPING
 from runout.stiffness import sentence_of
 from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
@@ -23,10 +24,9 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")
 # entries of run.json that the report prints in another place
 ELSEWHERE = (
-    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations"),
+    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations", "releases"),
     *("resolution", "relief", "stiffness"),
 )
 ABBREVIATIONS = {
@@ -348,7 +348,27 @@ def numerical_error(study: Study, settings: Mapping[str, Any]) -> str:
         size = quantity(study.convergence["levels"][-1]["cell_size"][0], "m")
         said = f"Of the median scenario on cells of {size}, from runs on several grids: {'; '.join(statements(study.convergence))}."
         return f"{said} {BOUNDS}"
+    return f"{error_statement(cells_through(study, settings)).capitalize()}. {EXPECTED} {BOUNDS}"
+
+
+def cells_through(study: Study, settings: Mapping[str, Any]) -> float:
+    """Cells of the grid through the mean thickness of the release."""
+    masses = study.run.get("releases", {}).get("masses")
     thickness = study.hazard["release_thickness"].values
-    height = float(np.ravel(settings["simulation"]["cell_size"])[-1])
-    cells = float(thickness[thickness > 0].mean()) / height
-    return f"{error_statement(cells).capitalize()}. {EXPECTED} {BOUNDS}"
+    mean = float(thickness[thickness > 0].mean())  # of runs that recorded no masses
+    if masses:
+        mean = sum(one["volume"] for one in masses) / sum(one["area"] for one in masses)
+    return mean / float(np.ravel(settings["simulation"]["cell_size"])[-1])
+
+
+def release_statements(study: Study) -> list[str]:
+    """What is stated of each release, and what starts together."""
+    recorded = study.run.get("releases", {})
+    return [*map(_mass, recorded.get("masses", [])), *(f"{said[:1].upper()}{said[1:]}." for said in recorded.get("start", []))]
+
+
+def _mass(one: Mapping[str, Any]) -> str:
+    """Sentence on one release."""
+    mean, most = (quantity(one[name], "m") for name in ("mean_thickness", "largest_thickness"))
+    size = f"{volume(one['volume'])} on {quantity(one['area'], 'm2')}"
+    return f"Release {one['name']}: {size}, {mean} thick on average, {most} at most, {one['shape']}."

@@ -3,6 +3,7 @@
 import math
 import re
 
+MOST_DIGITS = 3
 THIN = "\u202f"
 MINUS = "\u2212"
 UNKNOWN = "\u2013"
@@ -21,6 +22,23 @@ def number(value: float, digits: int = 3) -> str:
     if "." in text:
         text = text.rstrip("0").rstrip(".")
     return text.replace(",", THIN).replace("-", MINUS)
+
+
+def digits_within(value: float, share: float | None) -> int:
+    """Significant digits of a value whose relative error is ``share`` [1]: the last one is of the size of the error.
+
+    One digit where the error is not known; at most :data:`MOST_DIGITS`.
+    """
+    if share is None or not share > 0 or not math.isfinite(value) or value == 0:
+        return 1 if share is None else MOST_DIGITS
+    size = abs(value)
+    leading = math.floor(math.log10(size)) - math.floor(math.log10(share * size))
+    return min(max(1 + leading, 1), MOST_DIGITS)
+
+
+def number_within(value: float, share: float | None) -> str:
+    """``value`` with the significant digits that a relative error leaves."""
+    return number(value, digits_within(value, share))
 
 
 def unit(units: str) -> str:
@@ -43,9 +61,9 @@ def percent(share: float, digits: int = 2) -> str:
     return quantity(100.0 * share, "%", digits)
 
 
-def volume(value: float) -> str:
+def volume(value: float, digits: int = 3) -> str:
     """Volume in m³, in millions of them above 10⁶."""
-    return f"{number(value / 1e6)}{THIN}million m³" if abs(value) >= 1e6 else quantity(value, "m3")
+    return f"{number(value / 1e6, digits)}{THIN}million m³" if abs(value) >= 1e6 else quantity(value, "m3", digits)
 
 
 def span(values: list[float], printed: str = "") -> str:

@@ -8,21 +8,34 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ObservationError
+from runout.io.member_maps import read_maps
 from runout.model.terrain import Terrain
 from runout.scores.assessment import Assessment, Setting, add_areas, add_arrivals, add_maps, against_observations, quantity_name
 from runout.scores.elevation_change import change_errors
 from runout.scores.energy_line import release_point
 from runout.scores.flow import THICKNESSES, UNITS, Flow
 from runout.scores.grid import Grid, common_grid, placed, resampled
+from runout.scores.members import Member, Probabilities, add_brier, ranked, scored_members, valid_members
 from runout.scores.observations import Observations
 from runout.scores.outline import outline_shares
-from runout.scores.products import Product, Reading, read_product
+from runout.scores.products import Product, Reading, member_product, read_product
 from runout.scores.read import Nodata, read_thalweg, where_dry
 from runout.scores.scoring import NO_BARS, change_scores
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
 from runout.scores.vector_product import VectorContent, read_vector
 
 DEFAULT_THRESHOLDS = (0.1, 0.5, 1.0)
+NO_AREA = ("change", "arrival")  # quantities without an area of a threshold
+BOTH_ENSEMBLES = (
+    "both are ensembles: compared are the percentiles of each cell, maps that no member has; name two members to compare flows"
+)
+NO_MEMBERS = (
+    "{results}: the members of the ensemble are not there, so that only areas of its probability are scored; "
+    "run `runout ensemble` for its site, or name a member"
+)
+NOTHING_IN_AREAS = (
+    "the two share no area of a threshold; values of percentiles are those of no member: name a member, or state --threshold"
+)
 
 
 @dataclass(frozen=True)
@@ -83,13 +96,18 @@ class Comparison:
     grid : Grid
         Common cells.
     flows : tuple of Flow
-        Maps of both on the common cells; that of an outline or of points holds none.
+        Maps of both on the common cells; that of an outline or of points holds none. Of an ensemble against one flow they are
+        those of its best member.
     elevation, release : ndarray (rows, columns) or None
         Of the product that has them [m].
     vector : VectorContent or None
         Outline or points.
     found : Assessment
-        Scores of ``a`` against ``b``.
+        Scores of ``a`` against ``b``; of an ensemble against one flow those of the areas that a share of its members reaches.
+    members : tuple of Member
+        Members of the ensemble, from the best to the worst; empty unless one of the two is an ensemble with its members.
+    ranked_by : str
+        What ranks them.
     thresholds : tuple of float
     changes : tuple of str
         What was changed on the way in.
@@ -110,10 +128,19 @@ class Comparison:
     setting: Setting
     changes: tuple[str, ...] = field(default=())
     slope_normal: bool = False
+    members: tuple[Member, ...] = ()
+    ranked_by: str = ""
+
+    @property
+    def of_ensemble(self) -> int | None:
+        """0 or 1 where the first or the second alone is an ensemble."""
+        return _one_ensemble(self.a, self.b)
 
     @property
     def quantities(self) -> list[str]:
-        """Quantities that both have as maps."""
+        """Quantities that both have as maps; those of percentiles differ from maps of one flow by what no member has."""
+        if self.flows[0].is_percentile != self.flows[1].is_percentile:
+            return []
         return [name for name in UNITS if all(name in flow.maps for flow in self.flows)]
 
     def difference(self, quantity: str) -> np.ndarray:
@@ -161,10 +188,73 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
     ground, release = _ground(a, b, grid, choices.dem)
     flows = _flows(a, b, grid, ground if choices.slope_normal else None, choices)
     setting, said = _setting(a, b, grid, ground, release, choices)
-    found = _scored(flows, vector, grid, setting, choices)
-    said = tuple(dict.fromkeys((*changes, *said)))
-    normal = choices.slope_normal
-    return Comparison(a, b, grid, flows, ground, release, vector, found, tuple(setting.thresholds), setting, said, normal)
+    scored = _Scored(flows, Assessment())
+    if _one_ensemble(a, b) is not None:
+        scored = _by_members((a, b), flows, vector, setting, ground, choices)
+    else:
+        changes += [BOTH_ENSEMBLES] if a.kind == b.kind == "ensemble" else []
+        scored.found = _assessed(flows, vector, setting, choices)
+    said = tuple(dict.fromkeys((*changes, *said, *scored.said)))
+    return Comparison(
+        a, b, grid, scored.flows, ground, release, vector, scored.found, tuple(setting.thresholds), setting, said,
+        choices.slope_normal, scored.members, scored.ranked_by,
+    )  # fmt: skip
+
+
+@dataclass
+class _Scored:
+    """What scoring gives: maps to show, scores, members from the best to the worst, and sentences."""
+
+    flows: tuple[Flow, Flow]
+    found: Assessment
+    members: tuple[Member, ...] = ()
+    ranked_by: str = ""
+    said: tuple[str, ...] = ()
+
+
+def _one_ensemble(a: Product, b: Product) -> int | None:
+    """Which of the two is an ensemble, if the other is none."""
+    kinds = [one.kind == "ensemble" for one in (a, b)]
+    return kinds.index(True) if sum(kinds) == 1 else None
+
+
+def _by_members(
+    products: tuple[Product, Product],
+    flows: tuple[Flow, Flow],
+    vector: VectorContent | None,
+    setting: Setting,
+    ground: np.ndarray | None,
+    choices: Choices,
+) -> _Scored:
+    """Scores of the members of the one ensemble, and of the areas of its probability."""
+    place = 0 if products[0].kind == "ensemble" else 1
+    grid, results = flows[place].grid, products[place].path.parent
+    members = valid_members(results)
+    if not members:
+        return _Scored(flows, _assessed(flows, vector, setting, choices), said=(NO_MEMBERS.format(results=results),))
+    probabilities = Probabilities()
+
+    def pair(path: Path) -> tuple[Flow, Flow]:
+        flow = _flow(member_product(path, read_maps(path)), grid, ground if choices.slope_normal else None, choices)
+        flow = replace(flow, probability=choices.probability)
+        return (flow, flows[1]) if place == 0 else (flows[0], flow)
+
+    def assess(member: Member) -> Assessment:
+        both = pair(member.path)
+        probabilities.add(both[place], member.weight, _keys(both[place].maps, setting, choices))
+        return _assessed(both, vector, setting, choices)
+
+    scored, ranked_by = ranked(list(scored_members(members, assess)))
+    whole = replace(flows[place], probabilities=probabilities.shares)
+    both = (whole, flows[1]) if place == 0 else (flows[0], whole)
+    found = _assessed(both, vector, setting, choices, may_be_empty=True)
+    return _Scored(pair(scored[0].path), found, scored, ranked_by, tuple(probabilities.unlike_members(whole)))
+
+
+def _keys(maps: Mapping[str, np.ndarray], setting: Setting, choices: Choices) -> list[tuple[str, float]]:
+    """Quantities and thresholds whose areas are scored."""
+    quantities = [name for name in maps if name in THICKNESSES or (name == choices.quantity and name not in NO_AREA)]
+    return [(name, threshold) for name in quantities for threshold in setting.thresholds]
 
 
 def _of_rasters(*products: Product) -> str | None:
@@ -201,17 +291,18 @@ def _ground(a: Product, b: Product, grid: Grid, dem: Path | None) -> tuple[np.nd
 
 def _flows(a: Product, b: Product, grid: Grid, ground: np.ndarray | None, choices: Choices) -> tuple[Flow, Flow]:
     """Maps of both on the common grid; thickness of runout normal to the slope where that is chosen."""
-    flows = []
-    for product in (a, b):
-        flow = Flow(grid, {}) if product.flow is None else product.flow.on(grid)
-        if product.kind == "raster" and choices.nodata == Nodata.ZERO:  # also beyond the raster
-            flow = replace(flow, maps={name: where_dry(values, name) for name, values in flow.maps.items()})
-        if choices.slope_normal and product.kind in ("ensemble", "member"):
-            if ground is None:
-                raise ObservationError("--slope-normal needs the elevation of the ground; name its raster with --dem")
-            flow = _slope_normal(flow, terrain_slope(ground, grid.cell_size))
-        flows.append(flow)
-    return flows[0], flows[1]
+    return _flow(a, grid, ground, choices), _flow(b, grid, ground, choices)
+
+
+def _flow(product: Product, grid: Grid, ground: np.ndarray | None, choices: Choices) -> Flow:
+    flow = Flow(grid, {}) if product.flow is None else product.flow.on(grid)
+    if product.kind == "raster" and choices.nodata == Nodata.ZERO:  # also beyond the raster
+        flow = replace(flow, maps={name: where_dry(values, name) for name, values in flow.maps.items()})
+    if choices.slope_normal and product.kind in ("ensemble", "member"):
+        if ground is None:
+            raise ObservationError("--slope-normal needs the elevation of the ground; name its raster with --dem")
+        flow = _slope_normal(flow, terrain_slope(ground, grid.cell_size))
+    return flow
 
 
 def _slope_normal(flow: Flow, slope: np.ndarray) -> Flow:
@@ -237,9 +328,12 @@ def _setting(
     return found, said
 
 
-def _scored(flows: tuple[Flow, Flow], vector: VectorContent | None, grid: Grid, setting: Setting, choices: Choices) -> Assessment:
+def _assessed(
+    flows: tuple[Flow, Flow], vector: VectorContent | None, setting: Setting, choices: Choices, *, may_be_empty: bool = False
+) -> Assessment:
+    """Scores of the first flow against the second, or against an outline or points."""
     modelled, observed = flows
-    found = Assessment()
+    found, grid = Assessment(), modelled.grid
     if vector is not None and vector.gauges is not None:
         found = against_observations(modelled, Observations(grid, gauges=vector.gauges), setting)
     elif vector is not None:
@@ -247,19 +341,32 @@ def _scored(flows: tuple[Flow, Flow], vector: VectorContent | None, grid: Grid, 
         shares = outline_shares(vector.outline, grid)
         for threshold in setting.thresholds or DEFAULT_THRESHOLDS:
             of = f"outline, {quantity_name(quantity)} of {threshold:g} {UNITS[quantity]}"
-            add_areas(found, of, grid, modelled.area(quantity, threshold), shares, quantity, threshold, setting)
+            _add_areas(found, of, flows, shares, (quantity, threshold), setting)
     else:
         for quantity in _common(flows, choices):
             _add_quantity(found, modelled, observed, quantity, setting, choices)
-    if not found.scores:
-        raise ObservationError("the two have nothing in common that can be scored")
+    if not found.scores and not may_be_empty:
+        raise ObservationError(NOTHING_IN_AREAS if any(flow.is_percentile for flow in flows) else "the two have nothing in common")
     return found
+
+
+def _add_areas(
+    found: Assessment, of: str, flows: tuple[Flow, Flow], shares: np.ndarray | None, key: tuple[str, float], setting: Setting
+) -> None:
+    """Scores of the area of a threshold against ``shares``, or that of the second flow; of an ensemble those of its probability."""
+    place = next((k for k, flow in enumerate(flows) if flow.is_percentile), None)
+    modelled, observed = flows[0].area(*key), flows[1].area(*key) if shares is None else shares
+    if place is not None:
+        of = f"{of} with P >= {flows[place].probability:g}"
+    add_areas(found, of, flows[0].grid, modelled, observed, *key, setting)
+    if place is not None and key in flows[place].probabilities:
+        add_brier(found, of, flows[place].probabilities[key], modelled if place else observed)
 
 
 def _outlined(maps: Mapping[str, np.ndarray], choices: Choices) -> str:
     quantity = choices.quantity or ("thickness" if "thickness" in maps else next(iter(maps)))
-    if quantity not in maps or quantity in ("change", "arrival"):
-        usable = [name for name in maps if name not in ("change", "arrival")]
+    if quantity not in maps or quantity in NO_AREA:
+        usable = [name for name in maps if name not in NO_AREA]
         raise ObservationError(f"--quantity {quantity}: an outline scores one of {', '.join(usable) or 'none'} of the first")
     return quantity
 
@@ -278,7 +385,10 @@ def _common(flows: tuple[Flow, Flow], choices: Choices) -> list[str]:
 
 
 def _add_quantity(found: Assessment, a: Flow, b: Flow, quantity: str, setting: Setting, choices: Choices) -> None:
-    if quantity == "arrival":
+    if a.is_percentile != b.is_percentile:  # values of percentiles are those of no member
+        for key in _keys({quantity: a.maps[quantity]}, setting, choices):
+            _add_areas(found, f"{quantity_name(quantity)} of {key[1]:g} {UNITS[quantity]}", (a, b), None, key, setting)
+    elif quantity == "arrival":
         add_arrivals(found, a, b, setting.bars)
     elif quantity == "change":
         limit = min(choices.thresholds, default=0.0)
@@ -303,4 +413,5 @@ def summary(found: Comparison) -> dict[str, Any]:
         "energy_line_from": "top of the release" if found.setting.start else None,
         "changes": list(found.changes),
         **found.found.stored(),
+        **({"ranked_by": found.ranked_by, "members": [one.stored() for one in found.members]} if found.members else {}),
     }

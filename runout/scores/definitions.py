@@ -66,6 +66,10 @@ DEFINITIONS = {
         "area bias", "1", 0, _INF, 1, "modelled over observed area",
         "no observed area", WILKS,
     ),
+    "brier": Definition(
+        "Brier", "1", 0, 1, 0, "mean square difference of probability and reached share of the cells where either is above 0",
+        "neither reaches a known cell", "Wilks 2011, sec. 8.4.2",
+    ),
     "volume_bias": Definition(
         "volume bias", "1", 0, _INF, 1, "modelled over observed volume",
         "no observed volume",

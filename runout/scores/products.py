@@ -142,7 +142,7 @@ def _of_netcdf(path: Path, reading: Reading) -> Product:
     if places.get("thickness_exceedance_probability", ())[1:] == netcdf.MAP_DIMS:
         return _of_ensemble(path, netcdf.read(path), reading)
     if places.get("max_flow_thickness") == netcdf.MAP_DIMS:
-        return _of_member(path, read_maps(path), reading)
+        return _of_member(path, read_maps(path))
     held = ", ".join(sorted(names)[:6]) or "nothing"
     raise ObservationError(
         f"{path}: is neither hazard.nc nor a member of runout (it holds {held}); write its map as a GeoTIFF: "
@@ -168,17 +168,22 @@ def _of_ensemble(path: Path, hazard: "xr.Dataset", reading: Reading) -> Product:
     return Product(path, "ensemble", flow, tuple(levels), elevation, release, _bars(path.parent))
 
 
-def _of_member(path: Path, member: "xr.Dataset", reading: Reading) -> Product:
+def member_product(path: Path, member: "xr.Dataset") -> Product:
+    """Maps of a member as a product, without the ground of its site."""
     maps = {q: member[name].values.astype(np.float64) for q, name in OF_MEMBER.items() if name in member}
     if "arrival" in maps:
         maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
-    flow = Flow(Grid.of_dataset(member, str(path)), maps, probability=reading.probability)
+    return Product(path, "member", Flow(Grid.of_dataset(member, str(path)), maps))
+
+
+def _of_member(path: Path, member: "xr.Dataset") -> Product:
+    found = member_product(path, member)
+    assert found.flow is not None
     results = path.absolute().parent.parent if path.absolute().parent.name in ("members", "simulations") else path.parent
-    found = Product(path, "member", flow)
     if not (results / "terrain.nc").is_file() or not (results / "release.nc").is_file():
         return found
     terrain, release = netcdf.read(results / "terrain.nc"), netcdf.read(results / "release.nc")
-    if not Grid.of_dataset(terrain, "terrain.nc").same_cells(flow.grid):
+    if not Grid.of_dataset(terrain, "terrain.nc").same_cells(found.flow.grid):
         return found
     return replace(found, elevation=terrain["elevation"].values, release=release["release_thickness"].values, bars=_bars(results))
 

@@ -1,11 +1,13 @@
 """Release polygons from the cells of a slope that may fail."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.accuracy import PARTICLES_PER_CELL, preset
 from runout.config.stability import StabilitySettings
 from runout.io.vector import outline
 from runout.terrain.overlay import covered_part
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from runout.slopes.drainage import Drainage
     from runout.slopes.infinite_slope import Stability
 
+PER_BLOCK = 16 * math.prod(PARTICLES_PER_CELL)  # particles of a layer one cell thick in a block of 4 x 4 x 4 cells
 SMOOTHED = 0.75  # of a cell: largest distance of an outline from the cell edges that it follows
 
 
@@ -28,7 +31,8 @@ class Patch:
         In map coordinates.
     attributes : dict of str to float
         ``rank`` from 1; ``thickness_m``, ``probability``, ``factor_of_safety`` (of the medians) and ``slope_deg``: means over the
-        covered area; ``volume_m3``, ``area_m2``; ``drainage_area_m2``: the largest of its cells.
+        covered area; ``volume_m3``, ``area_m2``; ``drainage_area_m2``: the largest of its cells; ``cell_size_m``: largest spacing
+        of a grid with one cell through the thickness, and ``particles`` on it.
     """
 
     outline: Any
@@ -50,6 +54,8 @@ class Suggestion:
         By rank: the largest product of probability and volume first.
     found : int
         Number of releases before the limit on their number.
+    too_large : int
+        Number of these that need more memory than the machine has free, and that are left out.
     left : dict of str to (int, str)
         Number of cells that meet each condition and those before it, and the option that sets it.
     """
@@ -57,6 +63,7 @@ class Suggestion:
     patches: list[Patch]
     found: int
     left: dict[str, tuple[int, str]] = field(default_factory=dict)
+    too_large: int = 0
 
 
 def suggest(drained: "Drainage", stable: "Stability", choices: StabilitySettings) -> Suggestion:
@@ -75,14 +82,25 @@ def suggest(drained: "Drainage", stable: "Stability", choices: StabilitySettings
     cells = np.bincount(label.ravel(), minlength=count + 1)
     large = [k for k in range(1, count + 1) if cells[k] * terrain.cell_area >= choices.least_area]
     patches = sorted(_patches(label, large, drained, stable), key=lambda one: -one.expected_volume)
-    ranked = [Patch(one.outline, {"rank": k, **one.attributes}) for k, one in enumerate(patches[: choices.most], 1)]
+    held = [one for one in patches if fits_memory(one.attributes["particles"], terrain)]
+    ranked = [Patch(one.outline, {"rank": k, **one.attributes}) for k, one in enumerate(held[: choices.most], 1)]
     left = {
         f"has a probability of failure of {choices.probability:g} or more": (int(likely.sum()), "--probability"),
         f"of these drains {choices.largest_drainage:g} m2 or less": (int(slope_cells.sum()), "--largest-drainage"),
         "of these lies in a strip of three cells or wider": (int(opened.sum()), "--probability"),
         f"of these lies in a patch of {choices.least_area:g} m2 or more": (int(cells[large].sum()), "--least-area"),
     }
-    return Suggestion(ranked, len(patches), left)
+    return Suggestion(ranked, len(patches), left, len(patches) - len(held))
+
+
+def fits_memory(particles: float, terrain: "Terrain") -> bool:
+    """Whether a run of so many particles, in a layer one cell thick, fits into the memory that is free."""
+    from runout.memory import Extent, available_bytes, expected_memory
+
+    free = available_bytes()
+    blocks = math.ceil(particles / PER_BLOCK)
+    extent = Extent(math.ceil(particles), blocks, 2 * blocks, 4 * blocks, 4 * blocks)
+    return free is None or expected_memory(extent, terrain.elevation.size, "float32").total <= free
 
 
 def _without_small_holes(mask: np.ndarray, terrain: "Terrain", least_area: float) -> np.ndarray:
@@ -117,6 +135,7 @@ def _patch(shape: Any, drainage_area: float, drained: "Drainage", stable: "Stabi
     place, area = covered_part(shape, drained.terrain)
     mean = _Mean(area)
     thickness = mean.of(np.where(stable.thickness[place] > 0, stable.thickness[place], np.nan))
+    cell = preset("screening").cell_size(thickness, shape.area)
     attributes = {
         "thickness_m": thickness,
         "volume_m3": thickness * shape.area,
@@ -125,6 +144,8 @@ def _patch(shape: Any, drainage_area: float, drained: "Drainage", stable: "Stabi
         "factor_of_safety": mean.of(stable.factor[place]),
         "slope_deg": float(np.degrees(mean.of(stable.slope[place]))),
         "drainage_area_m2": drainage_area,
+        "cell_size_m": cell,
+        "particles": math.prod(PARTICLES_PER_CELL) * thickness * shape.area / cell**3,
     }
     return Patch(shape, attributes)
 
@@ -151,4 +172,8 @@ def _smooth(shape: Any, terrain: "Terrain", taken: list[Any]) -> Any:
     if near:
         smooth = smooth.difference(shapely.union_all(near))
     parts = [part for part in shapely.get_parts(smooth) if part.geom_type == "Polygon" and part.is_valid]
-    return max(parts or shape.geoms, key=lambda part: part.area)
+    largest = max(parts or shape.geoms, key=lambda part: part.area)
+    place, area = covered_part(largest, terrain)
+    if np.isnan(terrain.elevation[place])[area > 0].any():  # a release needs the elevation of all its cells
+        return max(shape.geoms, key=lambda part: part.area)
+    return largest

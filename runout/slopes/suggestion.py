@@ -1,6 +1,7 @@
 """Command ``runout suggest-release``: what the terrain hides, where it may fail, and release polygons."""
 
 import logging
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__, log
+from runout.accuracy import FEWEST_MEASURED, PARTICLES_PER_CELL
 from runout.config.stability import StabilitySettings
 from runout.errors import ExitCode
 from runout.hazard.outline_style import slope_styles
@@ -25,7 +27,7 @@ from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components, manageable
 from runout.slopes.infinite_slope import Stability, stability
 from runout.slopes.page import slopes_page
-from runout.slopes.patches import Suggestion, suggest
+from runout.slopes.patches import Suggestion, fits_memory, suggest
 from runout.slopes.place import Place, read_place
 from runout.slopes.soil import assumptions, resolved
 from runout.slopes.soil import record as record_of
@@ -60,7 +62,7 @@ def command(path: Path, out: Path | None, terrain_only: bool, strength: Strength
     stable = None if terrain_only else stability(drained, soil)
     slope = terrain_slope(terrain.elevation, terrain.cell_size) if stable is None else stable.slope
     figures, found = terrain_figures(drained, slope), None if stable is None else suggest(drained, stable, soil)
-    lines = [*figures.lines(), *(_lines(stable, found, terrain, soil) if stable and found else ())]
+    lines = [*figures.lines(), *(_lines(stable, found, place, soil) if stable and found else ())]
     record = _record(place, terrain, figures, soil, found) | {"lines": lines}
     maps = _maps(drained, slope, stable)
     for line in lines:
@@ -89,7 +91,7 @@ def _maps(drained: Drainage, slope: np.ndarray, stable: Stability | None) -> dic
     return maps
 
 
-def _lines(stable: Stability, found: Suggestion, terrain: "Terrain", soil: StabilitySettings) -> Iterator[str]:
+def _lines(stable: Stability, found: Suggestion, place: Place, soil: StabilitySettings) -> Iterator[str]:
     """Lines on the stability and the proposed releases, or the reason why there are none."""
     if assumed := assumptions(soil):
         yield assumed
@@ -105,13 +107,45 @@ def _lines(stable: Stability, found: Suggestion, terrain: "Terrain", soil: Stabi
         a = patch.attributes
         yield (
             f"release {a['rank']:g}: {a['volume_m3']:.4g} m3 on {a['area_m2']:.4g} m2, {a['thickness_m']:.2f} m thick, probability "
-            f"{a['probability']:.2f}, slope {a['slope_deg']:.0f} deg"
+            f"{a['probability']:.2f}, slope {a['slope_deg']:.0f} deg; needs cells of {a['cell_size_m']:.2g} m or less"
         )
+    yield from _to_simulate(found, place)
+
+
+def _to_simulate(found: Suggestion, place: Place) -> Iterator[str]:
+    """Lines on the grid that the proposed releases need, on those that are left out, and on their common start."""
+    cell = min(patch.attributes["cell_size_m"] for patch in found.patches)
+    particles = sum(patch.attributes["volume_m3"] for patch in found.patches) * math.prod(PARTICLES_PER_CELL) / cell**3
+    height = _stated_height(place)
+    thin = [patch for patch in found.patches if height and patch.attributes["thickness_m"] < FEWEST_MEASURED * height]
+    if thin:
+        has = "the site has" if place.site else "a new site starts with"
+        yield (
+            f"grid: {has} cells of {height:g} m; {len(thin)} of the {len(found.patches)} releases are thinner than "
+            f"{FEWEST_MEASURED:g} of them, so that their numerical error is not known; in site.yaml write "
+            f"simulation.cell_size: {cell:.2g} ({particles:.2g} particles for all), or accuracy: screening instead"
+        )
+    if not fits_memory(particles, place.terrain):
+        yield f"grid: all releases together need {particles:.2g} particles, more than the memory holds; simulate them one by one"
+    if found.too_large:
+        yield f"left out: {found.too_large} releases, which need more memory than is free with cells of their thickness"
+    if len(found.patches) > 1:
+        yield f"start: the polygons of one file start together; where each may fail alone, keep one polygon of {RELEASE} per site"
+
+
+def _stated_height(place: Place) -> float:
+    """Height of the cells [m] of the site, or of one that `runout new` makes; 0 where accuracy sets it from the release."""
+    if place.site is None:
+        return max(place.terrain.cell_size)
+    stated = place.site.settings.simulation.cell_size
+    return 0.0 if stated is None else float(np.ravel(stated)[-1])
 
 
 def _reason(stable: Stability, found: Suggestion) -> str:
     """Why no release is proposed: the condition that no cell meets, the steepest slope and the largest probability."""
     steepest, largest = np.degrees(np.nanmax(stable.slope)), np.nanmax(stable.probability)
+    if found.too_large:
+        return f"{found.too_large} releases need more memory than is free with cells of their thickness; use a larger machine"
     condition, option = next((words, option) for words, (cells, option) in found.left.items() if cells == 0)
     remedy = f"if that is too strict, state another {option}, or weaker or wetter soil"
     return f"no cell {condition}; steepest slope {steepest:.1f} deg, largest probability {largest:.2g}; {remedy}"

@@ -12,11 +12,16 @@ from runout.structures.solid import Solid, normals_and_areas
 
 FEWEST_CELLS = 2.0  # of the grid through a wall
 OPPOSITE = -0.8  # cosine of the angle between the two sides of a wall
+NEAR_CORNER = 0.95  # of the way from the middle of a triangle to its highest corner
 ON_EDGE = 1e-6  # of a triangle, beyond which a line misses it
-ROUNDING = 1e-6  # relative, of the thickness
+ROUNDING = 0.01  # share of a thickness or height that drawing and projection may take
 FEW, ROWS = 4000, 256  # pieces that are all measured; pieces whose surroundings are looked at together
 HIGHEST, DEEPEST = 2000.0, 10_000.0  # that a structure may reach above and below the ground [m]
 SAME = 4  # decimals of positions [m] that agree in equal bodies
+LOW = (
+    "is {height:.3g} m high, less than one cell of {cell:.3g} m; whether the flow overtops it, and its force, are not resolved: "
+    "use a cell size of half its height or less"
+)
 APART = 0.25  # cells of the grid between a structure and what bears it
 
 
@@ -93,13 +98,14 @@ def thin_walls(solids: Sequence[Solid], terrain: Terrain, spacing: Sequence[floa
 def wall_thickness(solid: Solid, terrain: Terrain, spacing: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Thickness [m] of the walls behind pieces of a body above ground, their centres (n, 3) [m], and the spacing across [m].
 
-    The thickness is the way inwards to a surface that faces the other way; edges of a body that runs out have none (inf).
+    The thickness is the way inwards to a surface that faces the other way; edges of a body that runs out have none (inf). A way
+    that ends on or in the ground has none either: behind it is ground, and nothing can pass.
     """
     from scipy.spatial import cKDTree
 
     pieces, _ = bisected(solid.corners, 2.0 * min(spacing))
     normals, areas = normals_and_areas(pieces)
-    centres = pieces.mean(1)
+    centres = _above_ground(pieces, terrain)
     across = np.linalg.norm(normals * np.asarray(spacing), axis=1)
     reach = FEWEST_CELLS * max(spacing)
     radius = np.linalg.norm(pieces - centres[:, None], axis=2).max()
@@ -112,8 +118,35 @@ def wall_thickness(solid: Solid, terrain: Terrain, spacing: Sequence[float]) -> 
         apart = np.einsum("ij,ij->i", normals[start], normals[end]) < OPPOSITE
         start, end = start[apart], end[apart]
         np.minimum.at(thickness, start, _way_to(centres[start], -normals[start], pieces[end]))
+    thickness[_into_ground(solid, terrain, centres - np.minimum(thickness, HIGHEST)[:, None] * normals, normals)] = np.inf
     seen = measured[(centres[measured, 2] > elevation_at(terrain, centres[measured])) & (areas[measured] > 0)]
     return thickness[seen], centres[seen], across[seen]
+
+
+def _above_ground(pieces: np.ndarray, terrain: Terrain) -> np.ndarray:
+    """A place (n, 3) in each triangle: its middle, or if that lies in the ground and a corner does not, near the highest corner."""
+    middle = pieces.mean(1)
+    heights = pieces[..., 2] - elevation_at(terrain, pieces.reshape(-1, 3)).reshape(pieces.shape[:2])
+    highest = heights.argmax(1)
+    corner = np.take_along_axis(pieces, highest[:, None, None], axis=1)[:, 0]
+    stands_out = (middle[:, 2] <= elevation_at(terrain, middle)) & (heights.max(1) > 0)
+    return np.where(stands_out[:, None], (1 - NEAR_CORNER) * middle + NEAR_CORNER * corner, middle)
+
+
+def _into_ground(solid: Solid, terrain: Terrain, ends: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Whether places (n, 3) [m] at the end of ways against ``normals`` lie in the ground, or under what stands on it."""
+    tolerance = APART * min(terrain.cell_size) if solid.clearance is None else 0.0
+    return ends[:, 2] - elevation_at(terrain, ends) <= tolerance * np.abs(normals[:, 2])  # type: ignore[no-any-return]
+
+
+def low_structures(solids: Sequence[Solid], terrain: Terrain, spacing: Sequence[float]) -> list[str]:
+    """Warnings of structures whose top stands less than one cell of the grid above the ground."""
+    warnings = []
+    for solid in solids:
+        height = float(_heights(solid, terrain).max())
+        if height < spacing[2] * (1 - ROUNDING):
+            warnings.append(f"{solid.place}: the structure {solid.name!r} {LOW.format(height=height, cell=spacing[2])}")
+    return warnings
 
 
 def _spread(centres: np.ndarray, normals: np.ndarray, areas: np.ndarray, size: float) -> np.ndarray:

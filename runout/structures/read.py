@@ -1,5 +1,6 @@
 """Structures of files on a terrain: reading, problems, and the field for the grid of a run."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -14,11 +15,13 @@ from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import numbered
 from runout.structures.footprints import read_footprints
-from runout.structures.inspection import placement_problems, release_overlaps, repeated_bodies, thin_walls
+from runout.structures.inspection import low_structures, placement_problems, release_overlaps, repeated_bodies, thin_walls
 from runout.structures.meshes import load_parts, read_meshes
 from runout.structures.overhangs import read_overhangs
 from runout.structures.solid import Solid
 from runout.structures.source import CONCRETE, Read, StructureSource
+
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,8 @@ def structures_from_sources(
     if overhangs is not None:
         bodies = bodies.and_more(read_overhangs(overhangs, terrain, overhang_friction_angle_deg))
     require_sound(bodies.solids, terrain, spacing, releases)
+    for warning in low_structures(bodies.solids, terrain, spacing):
+        LOGGER.warning("%s", warning)
     made = build_structures(bodies.solids, terrain, spacing)
     if made is None:
         named = ", ".join(str(source.path) for source in sources) or overhangs or "no file"

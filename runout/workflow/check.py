@@ -169,6 +169,8 @@ def _readable_probes(stated: Any, wrong: list[str]) -> "ProbeSettings | None":
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the releases; if one cannot be used, one by one, to find the problems of each."""
+    from runout.release.statements import start_sentences
+
     try:
         found.releases += site.releases(terrain)
     except InputError:
@@ -179,6 +181,7 @@ def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
             except InputError as error:
                 found.note(error)
     found.notes += [f"release {release.name}: {change}" for release in found.releases for change in release.changes]
+    found.notes += start_sentences(found.releases)
 
 
 def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -244,14 +247,20 @@ def _forecast_depth(found: Findings, site: "Site") -> None:
 
 
 def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Warn of obstacles narrower than two cells of the grid."""
+    """Warn of obstacles narrower than two cells of the grid, and of dams lower than one."""
     from runout.config.fetch import locate
-    from runout.terrain.obstacles import narrowest
+    from runout.structures.inspection import LOW
+    from runout.terrain.obstacles import narrowest, obstacle_parts
 
-    cell = max(np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)[:2]) if found.releases else 0.0
-    cell = max(cell, *terrain.cell_size)
+    spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3) if found.releases else np.zeros(3)
+    cell = max(*spacing[:2], *terrain.cell_size)
     for obstacle in site.settings.terrain.obstacles or []:
-        width = narrowest(terrain, locate(obstacle.polygons, site.folder), obstacle.layer)
+        path = Path(locate(obstacle.polygons, site.folder))
+        heights = [height for _, height in obstacle_parts(terrain, path, obstacle.height, obstacle.layer) if height > 0]
+        if heights and min(heights) < spacing[2]:
+            low = LOW.format(height=min(heights), cell=spacing[2])
+            found.warnings.append(f"{obstacle.polygons}: the lowest obstacle {low}")
+        width = narrowest(terrain, path, obstacle.layer)
         if width < 2 * cell:
             found.warnings.append(
                 f"{obstacle.polygons}: the narrowest obstacle is about {width:.3g} m wide, less than two cells of {cell:.4g} m; "
@@ -264,12 +273,14 @@ def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> No
     if not site.structures.possible:
         return
     from runout.model.limits import spacing_of
+    from runout.structures.inspection import low_structures
 
     known = found.site is not None and found.releases and site.structures.possible
     spacing = spacing_of(site.grid(found.releases)["cell_size"]) if known else None
     try:
         bodies = site.structures.sound_bodies(terrain, found.releases, spacing)
         found.notes += [f"structures: {change}" for change in bodies.changes]
+        found.warnings += low_structures(bodies.solids, terrain, spacing) if spacing else []
     except InputError as error:
         found.note(error)
 

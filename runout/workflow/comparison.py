@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from runout.scores.assessment import Assessment
     from runout.scores.comparison import Choices, Comparison
     from runout.scores.definitions import Score
+    from runout.scores.members import Member
 
 LOGGER = logging.getLogger("runout.compare")
-PAGE, RECORD = "comparison.html", "comparison.json"
+PAGE, RECORD, TABLE = "comparison.html", "comparison.json", "members.csv"
+LISTED = 10  # members that the terminal lists
 
 
 def command(first: Path, second: Path, choices: "Choices", out: Path | None) -> int:
@@ -27,7 +29,7 @@ def command(first: Path, second: Path, choices: "Choices", out: Path | None) -> 
     console = log.output()
     for change in found.changes:
         LOGGER.warning("%s", change)
-    for line in lines(found.found):
+    for line in (*lines(found.found), *member_lines(found)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if out is not None:
         for path in write(found, Path(out)):
@@ -46,6 +48,43 @@ def lines(found: "Assessment") -> Iterator[str]:
         shown = "; ".join(part for part in (shown, f"undefined: {missing}" if missing else "") if part)
         unknown = [f"{value:.4g} {_unit(name)} unknown" for name, value in counts.items() if name.startswith("unknown") and value]
         yield f"{of}: {shown}" + (f" ({', '.join(unknown)})" if unknown else "")
+
+
+def member_lines(found: "Comparison") -> Iterator[str]:
+    """The best member with its parameters and scores, then one line for each of the best members."""
+    if not found.members:
+        return
+    best, *_ = found.members
+    head = f"best of {len(found.members)} members by {found.ranked_by}"
+    yield f"{head}: member {best.number}{_sampled(best)}"
+    for of in dict.fromkeys(score.of for score in best.scores):
+        shown = ", ".join(_shown(score) for score in best.scores if score.of == of and not math.isnan(score.value))
+        yield f"member {best.number}, {of}: {shown or 'undefined'}"
+    for member in found.members[:LISTED]:
+        yield f"member {member.number}: {', '.join(_ranks(member)) or 'no score that ranks it'}{_sampled(member)}"
+    if len(found.members) > LISTED:
+        yield f"{len(found.members) - LISTED} members more: --out DIR writes all to {TABLE}"
+
+
+def _ranks(member: "Member") -> Iterator[str]:
+    """The scores by which members are ranked, with what they are of."""
+    from runout.scores.members import RANKS
+
+    by = next((name for name in RANKS if any(score.name == name for score in member.scores)), "")
+    for score in member.scores:
+        if score.name == by:
+            yield f"{_shown(score) if not math.isnan(score.value) else f'{score.definition.title} undefined'} ({score.of})"
+
+
+def _sampled(member: "Member") -> str:
+    """The sampled parameters of a member with their units; empty if nothing was sampled."""
+    from runout.config.parameter_variables import parameter_variable
+
+    values = []
+    for name, value in member.parameters.items():
+        units = parameter_variable(name).units
+        values.append(f"{name} {value:.4g}" + (f" {units}" if units not in ("1", "degree") else ""))
+    return f"; {', '.join(values)}" if values else ""
 
 
 def _shown(score: "Score") -> str:
@@ -70,4 +109,17 @@ def write(found: "Comparison", out: Path) -> list[Path]:
 
     maps = write_differences(found, out)
     record = write_json(summary(found) | {"maps": [path.name for path in maps]}, out / RECORD)
-    return [write_text(comparison_page(found), out / PAGE), record, *maps]
+    table = [write_text(members_csv(found.members), out / TABLE)] if found.members else []
+    return [write_text(comparison_page(found), out / PAGE), record, *table, *maps]
+
+
+def members_csv(members: "Sequence[Member]") -> str:
+    """Table of members from the best to the worst: number, weight, sampled parameters, and a column for each score."""
+    import pandas as pd
+
+    rows = []
+    for member in members:
+        row: dict[str, float] = {"member": member.number, "weight": member.weight, **member.parameters}
+        row |= {f"{score.of}: {score.definition.title} [{score.units}]": score.value for score in member.scores}
+        rows.append(row)
+    return str(pd.DataFrame(rows).to_csv(index=False))

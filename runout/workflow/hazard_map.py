@@ -234,10 +234,11 @@ def make_terrain(study: Study) -> Iterable[Path]:
 def make_release(study: Study) -> Iterable[Path]:
     """Write the thickness of all releases together to ``release.nc``."""
     from runout.io import netcdf
+    from runout.release.statements import start_sentences, statement
 
     releases = study.site.data().releases
-    for release in releases:
-        LOGGER.info("release %s: %.4g m3 on %.4g m2, %s", release.name, release.volume, release.area, release.placement)
+    for said in [*map(statement, releases), *start_sentences(releases)]:
+        LOGGER.info("%s", said)
     thickness = study.terrain.where_known(np.sum([release.thickness for release in releases], axis=0))
     maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")
     return [netcdf.write(maps, study.results / "release.nc")]

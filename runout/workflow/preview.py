@@ -65,6 +65,7 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
 def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
     from runout.accuracy import lines
     from runout.numerical_error import read_convergence, require_error_bars, statements
+    from runout.release.statements import statement
     from runout.workflow import check_stiffness
     from runout.workflow.probes import other_members
     from runout.workflow.status import print_stages
@@ -73,9 +74,7 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
     study = Study.of(site if device is None else site.on_device(device), out)
     data, grid = site.data(), site.member_arguments()
     for release in data.releases:
-        volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"
-        edge = f", {release.edge} edge" if release.outline is not None else ""
-        console.print(f"release {release.name}: {volume}{edge}, up to {release.thickness.max():.3g} m thick", markup=False)
+        console.print(statement(release), markup=False)
     if found.resolution and not found.resolution.is_coarse:  # else a warning states it
         console.print(f"flow      about {found.resolution.statement()}", markup=False)
     for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):

@@ -54,20 +54,30 @@ def write_pictures(datasets: "Mapping[str, xr.Dataset]", folder: Path, stem: str
 
 
 def write_profiles(
-    datasets: "Sequence[xr.Dataset]", folder: Path, stem: str, attributes: Mapping[str, Any], title: str, picture: str = "png"
+    datasets: "Sequence[xr.Dataset]",
+    folder: Path,
+    stem: str,
+    attributes: Mapping[str, Any],
+    title: str,
+    picture: str = "png",
+    members: "Sequence[xr.Dataset | None] | None" = None,
 ) -> list[Path]:
-    """Write a NetCDF file, a table and a figure of each profile; returns the paths."""
+    """Write a NetCDF file, a table and a figure of each profile; returns the paths.
+
+    ``members``: profile of the member that the figure of each profile of an ensemble shows.
+    """
     from runout.hazard.profiles import profile_table
     from runout.report.profile_figures import profile_figure
 
     written = []
-    for dataset, label in zip(datasets, file_names([one.attrs["line"] for one in datasets]), strict=True):
+    labels = file_names([one.attrs["line"] for one in datasets])
+    for dataset, label, member in zip(datasets, labels, members or [None] * len(datasets), strict=True):
         line, name = dataset.attrs["line"], f"{stem}_{label}"
         described = dataset.assign_attrs({**attributes, "cdm_data_type": "Trajectory", "title": f"{title}, line {line}"})
         written += [
             netcdf.write(described, folder / f"{name}.nc"),
             write_table(profile_table(dataset), folder / f"{name}.csv"),
-            write_figure(profile_figure(dataset, heading(dataset, title)), folder / f"{name}.{picture}"),
+            write_figure(profile_figure(dataset, heading(dataset, title), member), folder / f"{name}.{picture}"),
         ]
     remove_others(folder, stem, written)
     return written
@@ -78,7 +88,8 @@ def heading(dataset: "xr.Dataset", title: str) -> str:
     if "percentile" not in dataset.dims:
         return f"Line {dataset.attrs['line']}: {title}"
     levels = dataset["percentile"].values
-    return f"Line {dataset.attrs['line']}: median and {levels[0]:g} to {levels[-1]:g} % of {dataset.attrs['members']} members"
+    band = f"{levels[0]:g} to {levels[-1]:g} % of {dataset.attrs['members']} members at each place (bands)"
+    return f"Line {dataset.attrs['line']}: member {dataset.attrs['median_front']}, whose front is the median (lines), and {band}"
 
 
 def file_names(names: Iterable[str]) -> list[str]:

@@ -13,7 +13,12 @@ from runout.workflow.probes import ProbeChoices, finished, member_of
 from runout.workflow.study import Study
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import xarray as xr
+
     from runout.config.site import Site
+    from runout.model.probes import CrossSection
 
 LOGGER = logging.getLogger("runout.profiles")
 
@@ -61,16 +66,29 @@ def run(
     ensemble = finished(study)
     files = list(ensemble.files.values())
     excavated = excavation(study.site, study.standings[0].member.parameters if number is not None else {})
+    shown = None
     if number is None:
         datasets, of = ensemble_profiles(files, ensemble.weights, lines, study.terrain, excavated), ensemble.statement()
+        shown = [_shown_member(study, ensemble.files, one, line) for one, line in zip(datasets, lines, strict=True)]
     else:
         datasets, of = member_profiles(files[0], lines, study.terrain, excavated), f"member {number}"
     attributes = attributes_of(study.site, [line]) | {"ensemble": of}
     label = "ensemble" if number is None else f"member_{number:04d}"
     folder, title = study.results / PROFILES, f"{study.site.name}, {of.partition(';')[0]}"
-    paths = write_profiles(datasets, folder, f"{line.stem}_{label}", attributes, title, picture)
+    paths = write_profiles(datasets, folder, f"{line.stem}_{label}", attributes, title, picture, shown)
     LOGGER.info("wrote %d files: %s*", len(paths), folder / f"{line.stem}_{label}")
     return paths
+
+
+def _shown_member(study: Study, files: "Mapping[int, Path]", dataset: "xr.Dataset", line: "CrossSection") -> "xr.Dataset":
+    """Profile of the member whose front along a line is the median; its number replaces its position in the dataset."""
+    from runout.hazard.profiles import member_profiles
+
+    number, path = list(files.items())[dataset.attrs["median_front"]]
+    dataset.attrs["median_front"] = number
+    parameters = next(one.member.parameters for one in study.standings if one.member.number == number)
+    (profile,) = member_profiles(path, [line], study.terrain, excavation(study.site, parameters))
+    return profile
 
 
 def excavation(site: "Site", sample: dict[str, float]) -> np.ndarray:

@@ -136,6 +136,25 @@ def test_log_file_holds_json_lines_with_details(tmp_path, capsys):
     assert capsys.readouterr().err == "warning: member 3 failed\n"
 
 
+def test_a_screen_shows_one_of_the_warnings_that_differ_in_numbers_and_a_file_shows_each(capsys, monkeypatch):
+    from rich.console import Console
+
+    def told(is_terminal):
+        console = Console(stderr=True, force_terminal=is_terminal, color_system=None, soft_wrap=True, highlight=False)
+        monkeypatch.setattr(log, "console", lambda: console)
+        log.to_terminal(0)
+        for member in range(3):
+            with log.of_member(member):
+                logging.getLogger("runout.simulation").warning("0.%d cells through the depth", member)
+            logging.getLogger("runout.run").info("member %d done", member, extra={"member": member, "progress": True})
+        return capsys.readouterr().err.splitlines()
+
+    assert told(True) == ["warning: member 0: 0.0 cells through the depth"]
+    assert told(False) == [
+        line for k in range(3) for line in (f"warning: member {k}: 0.{k} cells through the depth", f"member {k} done")
+    ]
+
+
 @dataclass
 class FakeStudy:
     """What a run needs of a study before its first stage."""

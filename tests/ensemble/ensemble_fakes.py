@@ -1,5 +1,6 @@
 """A site and a simulation that take no time, for tests of the ensemble; picklable, since they travel to workers."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -109,6 +110,10 @@ def simulate_on(*, device, pause, **arguments):
     return result
 
 
+def _warn():
+    logging.getLogger("runout.simulation").warning("0.4 cells through a depth of %.3g m", time.time() % 100)
+
+
 def _material():
     raise MaterialError("density is -3 kg m-3; it must lie above 0 kg m-3")
 
@@ -146,6 +151,7 @@ def _interrupt():
 
 FAULTS = {
     "material": _material,
+    "warning": _warn,
     "storage": _storage,
     "full": _full,
     "bug": _bug,

@@ -4,6 +4,7 @@ import itertools
 import json
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, site, started, wait_until
 from netCDF4 import Dataset
 
+from runout import log
 from runout.ensemble import machine, workers
 from runout.ensemble.member import Member, design_file, plan_members, store_design, stored_key
 from runout.ensemble.run import run_ensemble
@@ -65,6 +67,24 @@ def test_every_member_gets_a_file_that_says_what_it_is(tmp_path):
         assert json.loads(stored["parameters"]) == member.parameters
         with Dataset(member.file(tmp_path / "results")) as file:
             assert (file["max_speed"][:] == member.parameters[ANGLE]).all()
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_a_redirected_log_names_the_member_of_each_warning_and_each_member_that_ends(tmp_path, two_cores, capsys, at_once):
+    place = site(tmp_path, faults={2.0: "warning", 5.0: "warning", 6.0: "material"})
+    log.to_terminal(0)
+    with log.to_file(tmp_path / "run.log"):
+        report = run(place, workers=at_once)
+    told = capsys.readouterr().err.splitlines()
+    plan = plan_members(place)
+    number_of = {member.parameters[ANGLE]: member.number for member in plan}
+    warned = [line for line in told if "cells through a depth" in line]
+    assert {line.split(": ")[1] for line in warned} == {f"member {number_of[angle]}" for angle in (2.0, 5.0)}
+    ended = [re.fullmatch(r"member (\d) \((\w+)\) done in [\d.]+ s, (\d) of 8", line) for line in told if " done " in line]
+    assert {(int(one[1]), one[2]) for one in ended} == {(number, plan[number].name) for number in report.done}
+    assert sum(f"member {number_of[6.0]} failed: density is -3" in line for line in told) == 1
+    lines = [json.loads(line) for line in (tmp_path / "run.log").read_text().splitlines()]
+    assert {one["member"] for one in lines if "cells through a depth" in one["message"]} == {number_of[2.0], number_of[5.0]}
 
 
 def test_second_run_runs_nothing(tmp_path):

@@ -26,15 +26,81 @@ def refused(path, terrain, *words, **choices):
     return str(caught.value)
 
 
-def test_self_intersecting_polygon_names_the_place_and_the_fix(write_polygons, terrain):
-    bow_tie = shapely.Polygon([(50, 50), (100, 100), (100, 50), (50, 100)])
-    path = write_polygons([SQUARE, bow_tie])
-    refused(path, terrain, "polygon 2", "self-intersection", "easting 500075", "northing 4000075", "ogr2ogr -makevalid")
+def square(west, south, size=20.0):
+    return shapely.box(west, south, west + size, south + size)
 
 
-def test_hole_outside_its_shell_is_refused(write_polygons, terrain):
-    path = write_polygons([shapely.Polygon(SQUARE.exterior, [shapely.box(200, 50, 210, 60).exterior])])
-    refused(path, terrain, "polygon 1", "hole lies outside shell")
+OUTLINE, HOLE = SQUARE.exterior, square(60.0, 60.0).exterior
+DIAMOND = shapely.LinearRing([(50, 75), (75, 50), (100, 75), (75, 100)])
+NOT_VALID = {
+    "the outline crosses itself": (
+        shapely.Polygon([(50, 50), (100, 100), (100, 50), (50, 100)]),
+        ("its outline crosses itself", "easting 500075, northing 4000075", "sides do not cross", "makes 2 polygons of 1250 m2"),
+    ),
+    "the outline touches itself": (
+        shapely.Polygon([(50, 50), (75, 75), (100, 50), (100, 100), (75, 75), (50, 100)]),
+        ("touches itself", "500075", "split it there", "makes 2 polygons of 1250 m2"),
+    ),
+    "the outline runs out and back": (
+        shapely.Polygon([(50, 50), (100, 50), (100, 100), (100, 140), (100, 100), (50, 100)]),
+        ("runs out and back", "delete the corner at the end"),
+    ),
+    "a hole lies outside": (shapely.Polygon(OUTLINE, [square(200, 50).exterior]), ("hole lies outside", "belongs to the release")),
+    "a hole crosses the outline": (shapely.Polygon(OUTLINE, [square(90, 60).exterior]), ("a hole crosses", "QGIS: Difference")),
+    "a hole covers it all": (shapely.Polygon(OUTLINE, [OUTLINE]), ("holes cover all of it", "delete the hole")),
+    "a hole lies in a hole": (shapely.Polygon(OUTLINE, [HOLE, square(65, 65, 5.0).exterior]), ("hole lies in another", "island")),
+    "a hole cuts it into parts": (shapely.Polygon(OUTLINE, [DIAMOND]), ("separate parts", "makes 4 polygons of 1250 m2")),
+    "it has no area": (shapely.Polygon([(50, 50), (100, 50), (75, 50)]), ("it has no area", "three corners or more")),
+    "it is one point": (shapely.Polygon([(50, 50), (50, 50), (50, 50)]), ("it has no area", "delete it")),
+    "two of its parts overlap": (shapely.MultiPolygon([SQUARE, square(90, 60)]), ("two of its parts overlap", "Dissolve")),
+    "a part lies in another": (shapely.MultiPolygon([SQUARE, square(60, 60)]), ("lies in another", "count twice")),
+}
+
+
+@pytest.mark.parametrize("case", NOT_VALID)
+def test_a_polygon_that_is_not_valid_names_the_place_and_the_remedy_of_its_case(case, write_polygons, terrain):
+    polygon, words = NOT_VALID[case]
+    message = refused(write_polygons([square(10, 10), polygon]), terrain, "polygon 2 is not valid", "at easting 500", *words)
+    mended = shapely.make_valid(polygon)
+    assert "-makevalid" not in message or f"{mended.area:.6g} m2" in message
+
+
+def test_all_polygons_that_are_not_valid_are_named_at_once(write_polygons, terrain):
+    path = write_polygons([NOT_VALID["it has no area"][0], SQUARE, NOT_VALID["the outline crosses itself"][0]])
+    refused(path, terrain, "polygon 1 is not valid, it has no area", "\n", "polygon 3 is not valid, its outline crosses itself")
+
+
+def test_points_that_stand_twice_are_no_fault(write_polygons, terrain):
+    doubled = shapely.Polygon([(50, 50), (100, 50), (100, 50), (100, 100), (50, 100)])
+    assert Release.from_vector(write_polygons([doubled]), terrain, 1.0).volume == pytest.approx(SQUARE.area)
+
+
+@pytest.mark.parametrize(
+    ("ring", "word"), [([(50, 50), (100, 50), (100, 100), (50, 100)], "not closed"), ([(50, 50)], "a line or ring has one point")]
+)
+def test_a_broken_ring_names_its_feature_and_what_it_lacks(ring, word, write_polygons, terrain):
+    path = write_polygons([SQUARE, SQUARE], "release.geojson")
+    content = json.loads(path.read_text())
+    content["features"][1]["geometry"]["coordinates"] = [ring]
+    path.write_text(json.dumps(content))
+    refused(path, terrain, "feature 2 has a broken geometry", word, "first point once more")
+
+
+def test_a_polygon_of_a_hundredth_of_a_cell_asks_for_its_unit(write_polygons, terrain):
+    refused(write_polygons([square(50, 50, 0.1)]), terrain, "covers 0.01 m2", "0.0004 of one cell", "check its unit")
+
+
+@pytest.mark.parametrize(
+    ("place", "crs", "words"),
+    [
+        ((400.0, 50.0), "EPSG:32616", "use a DEM that covers it, or move the polygon"),
+        ((9e4, 50.0), "EPSG:32616", "check the coordinate system of both"),
+        ((-500_000.0 + 4_000_050.0, -4_000_000.0 + 500_050.0), "EPSG:32616", "easting and northing exchanged"),
+        ((-500_000.0 + 9.0, -4_000_000.0 + 46.0), None, "look like degrees"),
+    ],
+)
+def test_a_polygon_outside_the_terrain_names_the_way_back(place, crs, words, write_polygons, terrain):
+    refused(write_polygons([square(*place)], crs=crs), terrain, "outside the terrain plane.tif", words)
 
 
 def test_another_ellipsoid_without_a_datum_names_both_systems_and_the_remedy(write_polygons, terrain):

@@ -114,6 +114,48 @@ def test_angle_of_a_release_in_radians_is_refused(write_polygons, terrain):
         Release.from_vector(write_polygons([SQUARE]), terrain, thickness=1.0, basal_friction_angle_deg=0.3)
 
 
+@pytest.mark.parametrize("angle", [20, 20.0, -0.1, "20", True, math.nan, math.radians(60.1)])
+def test_a_release_refuses_friction_angles_that_are_not_radians(terrain, angle):
+    with pytest.raises(ReleaseError, match="basal_friction_angle is") as caught:
+        Release(np.ones(terrain.shape), terrain, basal_friction_angle=angle)
+    assert ("math.radians(20)" in str(caught.value)) == (angle in (20, "20") or angle is True or angle != angle)
+
+
+@pytest.mark.parametrize("angle", [0, np.float32(0.35), math.radians(60.0)])
+def test_a_friction_angle_of_any_type_of_number_stays_an_angle(terrain, angle):
+    """A number that is not a float would count as a coefficient."""
+    release = Release(np.ones(terrain.shape), terrain, basal_friction_angle=angle)
+    assert type(release.friction_on(0.1)) is float
+    assert release.friction_on(0.1) == angle
+
+
+@pytest.mark.parametrize("friction", [20, 0.36, "coulomb", runout.Coulomb])
+def test_friction_that_is_no_law_is_refused_with_its_remedy(terrain, material, friction):
+    release = Release(np.ones(terrain.shape), terrain)
+    with pytest.raises(ConfigError, match=r"basal_friction is .*Coulomb\(friction_angle=20.0\) in degrees"):
+        runout.simulate(terrain, release, material, cell_size=5.0, end_time=1.0, basal_friction=friction)
+    with pytest.raises(ReleaseError, match=r"basal_friction is .*math.radians\(20\)"):
+        replace(release, basal_friction=friction)
+
+
+def test_arguments_of_another_kind_are_refused_by_name(terrain, material):
+    release = Release(np.ones(terrain.shape), terrain)
+    with pytest.raises(ConfigError, match="material is 30; give a material"):
+        runout.simulate(terrain, release, 30, cell_size=5.0, end_time=1.0)
+    for name in ("friction_zones", "structures"):
+        with pytest.raises(ConfigError, match=f"{name} is 30; give "):
+            runout.simulate(terrain, release, material, cell_size=5.0, end_time=1.0, **{name: 30})
+    with pytest.raises(ReleaseError, match="material is 30; give a material"):
+        replace(release, material=30)
+
+
+def test_a_coefficient_of_zones_that_is_an_angle_in_degrees_is_refused():
+    ones = np.ones((3, 4))
+    with pytest.raises(ConfigError, match=r"coefficient of a friction zone is 20.*tan\(math.radians\(20\)\)"):
+        runout.FrictionZones(ones, 20 * ones, (5.0, 5.0))
+    assert runout.FrictionZones(ones, math.tan(math.radians(60)) * ones, (5.0, 5.0)).factor.shape == (3, 4)
+
+
 def test_settings_and_python_have_one_table_of_ranges():
     shared = {name: field for name, field in SimulationSettings.model_fields.items() if name in LIMITS and name != "cell_size"}
     assert len(shared) >= 5

@@ -14,6 +14,7 @@ from runout.model.terrain import Terrain
 from runout.release import taper
 from runout.release.outlets import trapped_share
 from runout.release.read import _on_cells
+from runout.release.statements import separate_parts, start_sentences, statement
 from runout.release.taper import tapered
 from runout.scenario import build_scene
 
@@ -51,6 +52,21 @@ def test_an_excavated_polygon_thins_out_and_keeps_its_volume(write_polygons, ter
     assert inside[[0, -1]].mean() < 0.4 * inside[4:6, 4:6].mean()
     for factor in (0.7, 1.0, 1.5):
         assert release.scaled(factor).volume == pytest.approx(factor * release.volume, rel=1e-13)
+
+
+def test_the_stated_thickness_is_the_mean_that_is_printed_and_the_tapered_edge_explains_the_middle(write_polygons, terrain):
+    parts = [shapely.Point(100, 100).buffer(41.3), shapely.box(203, 53, 257, 149)]
+    release = Release.from_vector(write_polygons(parts), terrain, 15.0, name="scar")
+    assert release.mean_thickness == pytest.approx(15.0, rel=1e-9)
+    assert "thickness: 15 m on average" in repr(release)
+    said = statement(release)
+    assert f"15 m thick on average, {release.thickness.max():.3g} m at most, excavated, tapered edge: it thins out" in said
+    assert separate_parts(release) == 2
+    (together,) = start_sentences([release])
+    assert "its 2 separate polygons start together at time zero" in together
+    vertical = Release.from_vector(write_polygons(parts[:1]), terrain, 15.0, edge="vertical")
+    assert "thins out" not in statement(vertical) + repr(vertical)
+    assert not list(start_sentences([vertical]))
 
 
 def test_edges_are_chosen_by_placement_and_by_name(write_polygons, terrain):

@@ -124,7 +124,7 @@ def test_the_description_of_the_site_heads_the_page(text):
 
 
 def test_limits_of_use_are_stated(text):
-    for words in ("conditional", "No annual probability", "single buildings", "hypothetical"):
+    for words in ("conditional", "No annual probability", "single buildings", "Barnhart et al. 2024", "hypothetical"):
         assert words in text
 
 

@@ -1,6 +1,8 @@
 """Scores against numbers that are worked out by hand or by plain numpy and shapely, from rasters on the disk on."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +15,11 @@ from runout.errors import ObservationError
 from runout.io import netcdf
 from runout.model.terrain import Terrain
 from runout.scores.assessment import Setting, against_observations
+from runout.scores.definitions import Score
 from runout.scores.flow import Flow
 from runout.scores.gauges import Gauges
+from runout.scores.grid import Grid
+from runout.scores.members import Member, Probabilities, brier, ranked
 from runout.scores.observations import Observations
 
 WEST, NORTH, UTM = 500_000.0, 5_000_300.0, "EPSG:32632"
@@ -329,3 +334,41 @@ def test_a_threshold_counts_for_the_quantity_that_a_name_says(tmp_path):
     a, b = write(tmp_path / "speed.tif", cells(4, 4, r0c0=9.0)), write(tmp_path / "velocity.tif", cells(4, 4, r0c0=9.0, r0c1=7.0))
     values, _ = scored(a, b, thresholds=(6.0,))
     assert values["speed of 6 m s-1", "csi"] == 0.5
+
+
+def flows(*masks):
+    """Flows of 1 m on the cells of masks (rows, columns) of 2 by 2 m."""
+    grid = Grid(0.0, 0.0, (2.0, 2.0), (3, 4))
+    return [Flow(grid, {"thickness": np.asarray(mask, float)}) for mask in masks]
+
+
+def test_the_area_of_a_probability_that_is_smaller_than_that_of_every_member_is_named():
+    """Three members reach places of their own: the cellwise median is dry, and no member is."""
+    members = flows([[1, 1, 0, 0], [0] * 4, [0] * 4], [[0, 0, 1, 1], [0] * 4, [0] * 4], [[0] * 4, [1, 1, 1, 0], [0] * 4])
+    probabilities = Probabilities()
+    for member in members:
+        probabilities.add(member, 1 / 3, [("thickness", 0.5)])
+    whole = Flow(members[0].grid, {}, probabilities.shares, 0.5, is_percentile=True)
+    (said,) = probabilities.unlike_members(whole)
+    assert "thickness of 0.5: the area with P >= 0.5, 0 m2, is smaller than that of every member (8 to 12 m2)" in said
+    (said,) = probabilities.unlike_members(replace(whole, probability=0.3))  # all that any member reaches
+    assert "28 m2, is larger than that of every member" in said
+    assert not list(probabilities.unlike_members(replace(whole, probabilities={("thickness", 0.5): members[0].maps["thickness"]})))
+
+
+def test_brier_score_by_hand_leaves_out_what_is_dry_in_all():
+    probability, share = np.array([1.0, 0.5, 0.25, 0.0, 0.0, np.nan]), np.array([1.0, 1.0, 0.0, 0.0, 1.0, 1.0])
+    assert brier(probability, share) == pytest.approx((0.0 + 0.25 + 0.0625 + 1.0) / 4)
+    assert np.isnan(brier(np.zeros(3), np.zeros(3)))
+
+
+def test_members_are_ranked_by_their_mean_csi_and_one_without_it_is_last():
+    def member(number, *values):
+        return Member(number, 0.25, {}, Path("x"), tuple(Score("flow", "csi", value) for value in values))
+
+    order, by = ranked([member(0, 0.2, 0.4), member(1, np.nan, np.nan), member(2, 0.9, 0.1)])
+    assert [one.number for one in order] == [2, 0, 1]
+    assert by == "mean CSI"
+    speeds = [Score("gauges, speed", "rmse", value, "m s-1") for value in (3.0, 1.0)]
+    errors = [Member(k, 0.5, {}, Path("x"), (speed,)) for k, speed in enumerate(speeds)]
+    assert [one.number for one in ranked(errors)[0]] == [1, 0]

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import geopandas
 import numpy as np
@@ -107,6 +108,45 @@ def test_a_new_site_takes_the_release_as_it_is_and_its_check_finds_no_problem(pr
     assert found.problems == []
     read = Release.from_vector(release, Terrain.from_raster(dem), thickness="thickness_m")
     assert read.volume == pytest.approx(geopandas.read_file(release)["volume_m3"].sum(), rel=1e-6)
+
+
+def test_proposals_name_the_grid_that_they_need_and_check_knows_their_error_on_it(proposed, tmp_path, capsys):
+    dem, folder = proposed
+    first = geopandas.read_file(folder / "release.gpkg").iloc[0]
+    assert 0.8 * first.thickness_m < first.cell_size_m <= first.thickness_m
+    assert first.particles == pytest.approx(16 * first.volume_m3 / first.cell_size_m**3)
+    lines = json.loads((folder / "slopes.json").read_text())["lines"]
+    (grid,) = [line for line in lines if line.startswith("grid: ")]
+    assert "a new site starts with cells of 5 m; 1 of the 1 releases are thinner than 0.7 of them" in grid
+    site = tmp_path / "site"
+    assert cli.main(["-q", "new", str(site), "--dem", str(dem), "--release", str(folder / "release.gpkg")]) == ExitCode.OK
+    text = (site / "site.yaml").read_text()
+    (site / "site.yaml").write_text(re.sub(r"cell_size: [\d.]+", f"cell_size: {first.cell_size_m:.2g}", text))
+    capsys.readouterr()
+    assert cli.main(["check", str(site)]) == ExitCode.OK
+    assert "expected numerical error ±" in " ".join(capsys.readouterr().out.split())
+    assert cli.main(["suggest-release", str(site), *WEAK]) == ExitCode.OK
+    assert "grid: " not in capsys.readouterr().out
+
+
+def test_releases_that_the_memory_cannot_hold_are_not_proposed(proposed, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("runout.memory.available_bytes", lambda: 1e8)
+    assert cli.main(["-q", "--out", str(tmp_path), "suggest-release", str(proposed[0]), *WEAK]) == ExitCode.OK
+    assert "no release is proposed: 1 releases need more memory than is free" in capsys.readouterr().out
+    assert not (tmp_path / "slopes" / "release.gpkg").exists()
+
+
+def test_no_proposal_lies_on_cells_without_elevation_and_several_say_that_they_start_together(tmp_path, capsys):
+    elevation = facets()
+    for corner in range(5):  # steps along which an outline is smoothed
+        elevation[20 + 2 * corner : 40, 40 + 2 * corner] = np.nan
+        elevation[20 + 2 * corner : 40, 41 + 2 * corner] = np.nan
+    elevation[:, 40] = np.nan
+    dem = write_dem(tmp_path / "dem.tif", elevation)
+    assert cli.main(["-q", "--out", str(tmp_path), "suggest-release", str(dem), *WEAK]) == ExitCode.OK
+    assert "start: the polygons of one file start together" in capsys.readouterr().out
+    read = Release.from_vector(tmp_path / "slopes" / "release.gpkg", Terrain.from_raster(dem), thickness="thickness_m")
+    assert read.volume > 0
 
 
 def test_nothing_found_says_why_in_one_line_and_leaves_no_release(tmp_path, capsys):

@@ -74,6 +74,14 @@ def test_check_lists_all_problems_of_structures_and_the_run_refuses_them(tmp_pat
         read_site(site).data()
 
 
+def test_check_warns_of_structures_lower_than_a_cell(tmp_path):
+    text = "  - {file: inputs/houses.gpkg, name: dam}\n"
+    site = with_structures(tmp_path / "ramp", text, shapes=[square(38, 12, 30.0)], height=[4.0])
+    found = check.inspect(site, forecast=False)
+    assert not found.problems
+    assert sum("the structure 'dam' is 4 m high, less than one cell of 10 m" in warning for warning in found.warnings) == 1
+
+
 def test_structures_of_a_site_go_to_every_member_and_into_its_key(tmp_path):
     text = "  - {file: inputs/houses.gpkg, height: 20, name: house}\n"
     site = with_structures(tmp_path / "ramp", text, shapes=[square(38, 12, 30.0)])

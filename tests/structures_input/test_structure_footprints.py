@@ -6,12 +6,15 @@ import math
 import numpy as np
 import pytest
 import shapely
-from structure_bodies import write_footprints
+from shapely.affinity import rotate
+from structure_bodies import SOUTH, WEST, write_footprints
 
 from runout.errors import StructureError
+from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import walls_of
+from runout.structures.inspection import low_structures
 from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies, require_sound
 from runout.structures.solid import normals_and_areas
@@ -97,7 +100,7 @@ def test_all_problems_are_said_at_once(level, tmp_path):
     assert len(said) == 7, said
     for text in (
         "feature 1: attribute 'height' is -2 m",
-        "polygon 2 is not valid, self-intersection at easting 500030",
+        "polygon 2 is not valid, its outline crosses itself (self-intersection) at easting 500030",
         "feature 3: the structure at easting 500200.0, northing 5000100.0 lies beyond",
         "feature 4: floats",
         "feature 5: is buried, its top lies 35 m below",
@@ -113,6 +116,47 @@ def test_a_wall_of_less_than_two_cells_is_refused(level, tmp_path):
     require_sound(solids, level, (1.5, 1.5, 1.5))
     with pytest.raises(StructureError, match=r"a wall is 3 m thick, less than two cells of 2 m, .*cell_size to 1.5 or less"):
         require_sound(solids, level, (2.0, 2.0, 2.0))
+
+
+@pytest.mark.parametrize("angle", [0, 17, 45])
+@pytest.mark.parametrize(("raster", "slope", "height"), [(2.0, 0.0, 6.0), (5.0, 0.3, 8.0), (10.0, 0.6, 3.0)])
+def test_a_house_of_two_cells_is_accepted_whatever_its_height_and_direction(angle, raster, slope, height, tmp_path):
+    """What stands in the ground has no thickness from its roof down to its foot, which depends on the raster."""
+    count = int(200 / raster)
+    terrain = Terrain.from_array(np.tile(300 - slope * raster * np.arange(count), (count, 1)), raster, origin=(WEST, SOUTH))
+    house = rotate(shapely.box(87.5, 90, 112.5, 109.9), angle)
+    path = write_footprints(tmp_path / "h.gpkg", [house], height=[height])
+    solids = read_bodies([StructureSource(path)], terrain).solids
+    require_sound(solids, terrain, (10.0, 10.0, 10.0))
+    with pytest.raises(StructureError, match=r"a wall is (19.9|20) m thick, less than two cells of 11 m"):
+        require_sound(solids, terrain, (11.0, 11.0, 11.0))
+    if slope == 0:
+        assert "is 6 m high, less than one cell of 10 m" in low_structures(solids, terrain, (10.0, 10.0, 10.0))[0]
+
+
+@pytest.mark.parametrize("raster", [2.0, 10.0, 40.0])
+def test_a_low_thin_dam_is_refused_however_deep_its_foot(raster, tmp_path):
+    """On a coarse raster the foot reaches deep, and the middle of its walls lies in the ground."""
+    terrain = Terrain(np.full((10, 10), 100.0), (raster, raster), WEST, SOUTH)
+    middle = 5 * raster
+    solid = only(write_footprints(tmp_path / "d.gpkg", [shapely.box(5, middle, 15, middle + 1.5)], height=[1.0]), terrain)
+    with pytest.raises(StructureError, match=r"a wall is 1\.5 m thick"):
+        require_sound([solid], terrain, (10.0, 10.0, 10.0))
+
+
+def test_a_roof_that_hangs_close_above_the_ground_is_measured(level, tmp_path):
+    path = write_footprints(tmp_path / "r.gpkg", [HOUSE], height=[2.0], clearance=[0.5])
+    with pytest.raises(StructureError, match=r"a wall is 1\.5 m thick, less than two cells of 4 m"):
+        require_sound(read_bodies([StructureSource(path)], level).solids, level, (4.0, 4.0, 4.0))
+
+
+def test_a_dam_lower_than_a_cell_is_warned_of(level, tmp_path, caplog):
+    path = write_footprints(tmp_path / "d.gpkg", [shapely.box(80, 60, 100, 120)], name=["dam"], height=[3.0])
+    Structures.from_file(path, level, 4.0)
+    assert "the structure 'dam' is 3 m high, less than one cell of 4 m; whether the flow overtops it" in caplog.text
+    caplog.clear()
+    Structures.from_file(path, level, 3.0)
+    assert "less than one cell" not in caplog.text
 
 
 def test_hollow_walls_and_slabs_are_measured(level, tmp_path):

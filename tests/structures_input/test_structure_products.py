@@ -1,5 +1,6 @@
 """Forces on structures over the members of a site: structures.nc, layers of the GeoPackage, overtopping, report."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -81,6 +82,9 @@ def test_the_report_has_a_section_on_structures(walled):
     assert 'data-label="Area [m²]"' in page  # narrow screens show the headings beside the values
     assert "Overtopping" in page
     assert "Force over time" in page
+    assert re.search("rounded to the digits that a numerical error of [0-9.]+\u202f% leaves", page)
+    assert "does not say which building is damaged" in page
+    assert re.search("Release slab: [0-9\u202f]+m³ on [0-9\u202f]+m², .* thick on average", page)
 
 
 def test_another_protected_area_makes_the_products_again_and_no_member(walled):

@@ -27,11 +27,23 @@ def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
     code, out = said(capsys, "check", folder)
     assert code == ExitCode.OK
     assert "problem" not in out
-    assert "release slab: 2.88e+04 m3 on 3600 m2, on_surface" in out
+    assert "release slab: 2.88e+04 m3 on 3600 m2, 8 m thick on average, 8 m at most, on surface" in out
     assert "is forecast to have 0.33 cells through a depth of 3.29 m" in " ".join(out.split())
     assert "ensemble run the members: 4 of 4 members to simulate" in out
     assert all(word in out for word in ("particles", "steps", "time", "memory", "disk"))
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_parts_and_releases_that_start_together_are_said_with_the_remedy(tmp_path):
+    second = np.zeros(ramp().shape)
+    second[18:21, 4:8] = second[18:21, 12:16] = 3.0
+    folder = write_site(tmp_path / "ramp", SITE_OF_TWO)
+    write_raster(folder / "inputs/second.tif", second)
+    notes = inspect(folder, forecast=False).notes
+    patches = "release second: its 2 separate patches start together at time zero, in every member; where each may fail alone"
+    assert sum(patches in note for note in notes) == 1
+    assert sum("the 2 releases (slab, second) start together" in note and "make a site of each" in note for note in notes) == 1
+    assert not any("start together" in note for note in inspect(write_site(tmp_path / "one"), forecast=False).notes)
 
 
 def test_relief_and_its_cost_are_stated_and_an_oscillation_is_named(tmp_path):

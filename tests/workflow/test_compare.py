@@ -2,10 +2,12 @@
 
 import json
 import re
+import shutil
 from xml.etree import ElementTree
 
 import geopandas
 import numpy as np
+import pandas
 import pytest
 import rasterio
 import shapely
@@ -91,6 +93,64 @@ def test_a_product_against_itself_is_perfect_and_its_reverse_has_the_other_sign(
     _, back, _ = compare(capsys, *members[::-1])
     assert scores(there["flow, whole map"])["bias"] == -scores(back["flow, whole map"])["bias"]
     assert scores(there["flow of 0.5 m"])["POD"] == pytest.approx(1 - scores(back["flow of 0.5 m"])["FAR"], abs=2e-3)
+
+
+def test_an_ensemble_is_scored_by_its_members_and_its_probability_not_by_a_percentile_map(members, finished_site, tmp_path, capsys):
+    folder, _ = finished_site
+    out = tmp_path / "comparison"
+    code = cli.main(["-q", "--out", str(out), "compare", str(members[1]), str(folder), "--threshold", "0.5"])
+    printed = capsys.readouterr().out
+    assert code == ExitCode.OK
+    assert "flow, whole map" not in printed.split("best of")[0]  # no values of percentiles
+    assert re.search(r"flow of 0.5 m with P >= 0.5: CSI .* Brier 0\.\d+", printed)
+    assert "best of 4 members by mean CSI: member 1; basal_friction_angle_deg" in printed
+    assert "member 1, flow, whole map: bias 0 m, RMSE 0 m" in printed
+    record = json.loads((out / "comparison.json").read_text())
+    assert record["members"][0]["member"] == 1
+    csi = [np.mean([s["value"] for s in one["scores"] if s["name"] == "csi"]) for one in record["members"]]
+    assert csi == sorted(csi, reverse=True)
+    assert csi[0] == 1.0
+    table = pandas.read_csv(out / "members.csv")
+    assert list(table["member"]) == [one["member"] for one in record["members"]]
+    assert table["basal_friction_angle_deg"].between(12, 22).all()
+    shares = np.mean([thickness_of(member_file(folder, k)) >= 0.5 for k in range(4)], axis=0)
+    other = (thickness_of(members[1]) >= 0.5).astype(float)
+    counts = (shares > 0) | (other > 0)
+    (brier,) = [s["value"] for s in record["scores"] if (s["of"], s["name"]) == ("flow of 0.5 m with P >= 0.5", "brier")]
+    assert brier == pytest.approx(np.mean((shares - other)[counts] ** 2))
+    page = (out / "comparison.html").read_text()
+    assert "Member 1 is the best of 4 by mean CSI" in page
+    assert f"{folder.name}, member 1" in page
+    with rasterio.open(out / "flow_thickness_difference.tif") as file:  # of the best member, which is the other
+        assert not np.nan_to_num(file.read(1)).any()
+
+
+def test_members_against_an_outline_and_points_are_ranked_with_their_parameters(members, finished_site, tmp_path, capsys):
+    outline_of(thickness_of(members[0]) >= 0.5).to_file(tmp_path / "outline.gpkg")
+    _, found, _ = compare(capsys, finished_site[0], tmp_path / "outline.gpkg", "--threshold", "0.5")
+    assert found["best of 4 members by mean CSI"].startswith("member 0; basal_friction_angle_deg")
+    assert scores(found["member 0, outline, flow of 0.5 m"])["CSI"] > 0.99
+    place = shapely.Point(WEST + 155.0, NORTH - 125.0)
+    speed = float(read_maps(members[0])["max_speed"].values[12, 15])
+    geopandas.GeoDataFrame({"speed": [speed]}, geometry=[place], crs=UTM).to_file(tmp_path / "gauges.gpkg")
+    _, found, _ = compare(capsys, finished_site[0], tmp_path / "gauges.gpkg")
+    assert found["best of 4 members by mean RMSE"].startswith("member 0; basal_friction_angle_deg")
+
+
+def test_an_ensemble_without_its_members_scores_areas_of_its_probability_and_says_so(members, finished_site, tmp_path, capsys):
+    shutil.copy(finished_site[0] / "results" / "hazard.nc", tmp_path)
+    code, found, error = compare(capsys, members[0], tmp_path / "hazard.nc")
+    assert code == ExitCode.OK
+    assert set(found) == {f"{what} of {t} m with P >= 0.5" for what in ("flow", "deposit") for t in ("0.1", "1")}
+    assert "the members of the ensemble are not there, so that only areas of its probability are scored" in " ".join(error.split())
+    code, found, error = compare(capsys, members[0], tmp_path / "hazard.nc", "--quantity", "speed")
+    assert code == ExitCode.CONFIGURATION
+    assert "values of percentiles are those of no member: name a member, or state --threshold" in " ".join(error.split())
+
+
+def test_two_ensembles_are_compared_by_percentiles_with_a_warning(finished_site, capsys):
+    _, _, error = compare(capsys, finished_site[0], finished_site[0])
+    assert "compared are the percentiles of each cell, maps that no member has" in " ".join(error.split())
 
 
 def test_a_raster_of_other_cells_in_another_system_finds_its_place(members, tmp_path, capsys):

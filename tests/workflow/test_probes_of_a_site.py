@@ -11,12 +11,13 @@ import pytest
 import shapely
 import xarray as xr
 from compliance_checker.runner import CheckSuite, ComplianceChecker
-from ramp_site import NORTH, SITE, WEST, ramp, write_raster, write_site
+from ramp_site import NORTH, SITE, WEST, member_file, ramp, write_raster, write_site
 
 from runout.cli import main
 from runout.config.site import read_site
 from runout.errors import ConfigError
 from runout.hazard.order import weighted_percentiles
+from runout.io.member_maps import read_maps
 from runout.workflow import hazard_map
 from runout.workflow.probes import write_of_site
 from runout.workflow.study import Study
@@ -164,6 +165,9 @@ def test_profiles_of_the_ensemble_are_the_maps_along_the_line(finished_site, tmp
     assert float(found["distance"][-1]) == pytest.approx(468.0)
     np.testing.assert_allclose(found["ground_elevation"][0], ramp()[0, 2] + 0.4 * (ramp()[0, 1] - ramp()[0, 2]), rtol=1e-6)
     np.testing.assert_array_equal(found["bed_elevation"], found["ground_elevation"])  # the release lies on the ground
+    shown = found.attrs["median_front"]  # a member, whose lines the figure shows: no member has the profile of a percentile
+    reach = {k: np.flatnonzero(read_maps(member_file(folder, k))["arrival_time"].values[11] >= 0).max() for k in range(4)}
+    assert reach[shown] in sorted(reach.values())[1:3]
     table = pd.read_csv(folder / "results" / "profiles" / "l_member_0002_x1.csv")
     assert {"distance [m]", "ground_elevation [m]", "max_speed [m s-1]", "deposit_thickness [m]"} <= set(table)
 

@@ -93,6 +93,8 @@ def test_a_dam_holds_the_flow_and_a_low_one_is_overrun(tmp_path, capsys):
     out = " ".join(capsys.readouterr().out.split())
     assert "obstacles on 7200 m2 change the ground by 20 to 20 m" in out
     assert "the narrowest obstacle is about 26.7 m wide" not in out
+    assert "the lowest obstacle" not in out
+    assert "the lowest obstacle is 0.5 m high, less than one cell of 10 m" in " ".join(inspect(low, forecast=False).warnings)
     wide = write_zoned(tmp_path / "wide", "", DAMMED.replace("cell_size: 10", "cell_size: 20"), (DAM,), height=[20.0])
     assert any(
         "the narrowest obstacle is about 26.7 m wide, less than two cells of 20 m" in line for line in inspect(wide).warnings
