@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -41,16 +42,41 @@ class JsonLines(logging.Formatter):
 @cache  # messages and bars share one console, so that they do not overwrite each other
 def console() -> "Console":
     """Console for messages on standard error; standard output carries only results."""
-    from rich.console import Console
-
-    return Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+    return _console_class()(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def output() -> "Console":
     """Console for results on standard output; wide if it is not a terminal."""
+    return _console_class()(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
+
+
+def plain_output() -> "Console":
+    """Console of standard output as rich makes it, for help."""
+    return _console_class()()
+
+
+@cache  # defined at its first use, since the import of rich takes a while
+def _console_class() -> "type[Console]":
     from rich.console import Console
 
-    return Console(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
+    class PipeConsole(Console):
+        """Console whose reader may end first: a command goes on without messages, and ends without results."""
+
+        def on_broken_pipe(self) -> None:
+            """Print no more; BrokenPipeError if results are lost."""
+            self.quiet = True
+            if not self.stderr:
+                raise BrokenPipeError
+
+    return PipeConsole
+
+
+def silence_output() -> None:
+    """Discard what is left of standard output, which cannot be written; else the interpreter reports it at its end."""
+    with suppress(OSError, ValueError):  # ValueError: in tests, standard output is no file
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
 
 
 class Terminal(logging.Handler):
@@ -69,9 +95,10 @@ class Terminal(logging.Handler):
 
         style = "yellow" if record.levelno < logging.ERROR else "bold red"
         mark = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
-        console().print(Text.assemble((mark, style), (record.getMessage(), "dim" if record.levelno < logging.INFO else "")))
-        if record.exc_info:
-            console().print(logging.Formatter().formatException(record.exc_info), markup=False, style="dim")
+        with suppress(OSError):  # the terminal is gone, or its file is full; the work goes on
+            console().print(Text.assemble((mark, style), (record.getMessage(), "dim" if record.levelno < logging.INFO else "")))
+            if record.exc_info:
+                console().print(logging.Formatter().formatException(record.exc_info), markup=False, style="dim")
 
 
 def _terminals() -> list[Terminal]:
