@@ -4,10 +4,12 @@ The public names are listed in ``__all__``; they are imported on first use, so t
 of the material and friction laws are among them: each file of :mod:`runout.materials` and :mod:`runout.friction` brings its own.
 """
 
-from runout import ending, safe_start
+from runout import ending
 
 if ending.is_command():  # before slow imports, and before any from the working directory
     ending.end_at_once()
+    from runout import safe_start
+
     safe_start.begin()
 
 from importlib import import_module

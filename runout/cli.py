@@ -100,13 +100,11 @@ def _usage(error: CycloptsError) -> str:
     if error.target not in COMMANDS:
         return "runout --help lists all commands"
     name = " ".join(["runout", *(error.command_chain or ())])
-    needed = [
-        one
-        for one in inspect.signature(error.target).parameters.values()
-        if one.default is one.empty and one.kind is not one.VAR_POSITIONAL
-    ]
-    words = [f"--{one.name} {one.name.upper()}" if one.kind is one.KEYWORD_ONLY else one.name.upper() for one in needed]
-    return f"usage: {' '.join([name, *(word for word in words if 'session' not in word)])}; all options: {name} --help"
+    words = []
+    for one in inspect.signature(error.target).parameters.values():
+        if one.default is one.empty and one.kind is not one.VAR_POSITIONAL and one.name != "session":
+            words.append(f"--{one.name} {one.name.upper()}" if one.kind is one.KEYWORD_ONLY else one.name.upper())
+    return f"usage: {' '.join([name, *words])}; all options: {name} --help"
 
 
 def _parsed(application: App, tokens: Sequence[str]) -> tuple[Callable[..., Any], Any, dict[str, Any]]:

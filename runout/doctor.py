@@ -115,9 +115,11 @@ def _pictures() -> str:
 
 def _caches() -> Iterator[Finding]:
     for cache in caches.all_caches():
-        reason = caches.try_to_write(cache.folder)
-        where = f"{cache.name}: {cache.folder}"
-        if reason:
+        where, fault, reason = f"{cache.name}: {cache.folder}", cache.fault(), caches.try_to_write(cache.folder)
+        if fault:
+            remedy = f"set {cache.variable} to a folder of your own"
+            yield Finding("caches", f"{where} {fault}; others could place code there", remedy)
+        elif reason:
             yield Finding("caches", f"{where} cannot be written ({reason})", f"set {cache.variable} to a folder that you may write")
         else:
             yield Finding("caches", where)

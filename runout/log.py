@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.io.atomic import storage_error
+from runout.io.regular import open_regular
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -141,7 +142,8 @@ def to_file(path: Path) -> Iterator[None]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = logging.FileHandler(path, encoding="utf-8")
+        descriptor = open_regular(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        handler = logging.StreamHandler(os.fdopen(descriptor, "a", encoding="utf-8"))
     except OSError as error:
         raise storage_error(path, error) from error
     handler.setFormatter(JsonLines())
@@ -161,7 +163,7 @@ def to_file(path: Path) -> Iterator[None]:
         for logger in (LOGGER, WARNINGS):
             logger.removeHandler(handler)
         with suppress(OSError):  # full disk; the writers of products report it
-            handler.close()
+            handler.stream.close()
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from runout.errors import PartialEnsembleError, StorageError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
+from runout.io.places import require_own_results
 from runout.io.provenance import checksum
 from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
 
@@ -81,6 +82,7 @@ class Study:
     def of(cls, site: "Site", out: Path | None = None) -> "Study":
         """The study of a site; its results go to ``out``, or to ``results`` of the site."""
         results = Path(out) if out else site.folder / "results"
+        require_own_results(results)
         return cls(site.with_same_inputs(known=KnownFiles(results / "inputs.json")), results)
 
     @cached_property

@@ -16,9 +16,12 @@ from runout.report.elsewhere import COMMAND as DRAW
 from runout.view.process import RENDERER
 
 # what a command or one of its processes imports, and names of files that Python or a library reads where it starts
-MODULES = """numpy numba warp scipy pandas xarray rasterio netCDF4 matplotlib pyvista dask distributed cyclopts rich yaml ruamel
-    shapely pyproj pyogrio pickle json struct subprocess multiprocessing tempfile socket inspect logging pathlib typing
-    sitecustomize usercustomize conftest""".split()
+MODULES = [
+    *("numpy", "numba", "warp", "scipy", "pandas", "xarray", "rasterio", "netCDF4", "matplotlib", "pyvista", "dask", "distributed"),
+    *("cyclopts", "rich", "yaml", "ruamel", "shapely", "pyproj", "pyogrio", "pickle", "json", "struct", "subprocess"),
+    *("multiprocessing", "tempfile", "socket", "inspect", "logging", "pathlib", "typing"),
+    *("sitecustomize", "usercustomize", "conftest"),
+]
 SETTINGS = {
     ".numba_config.yaml": "cache_dir: evil\ndisable_jit: 1\n",
     "matplotlibrc": "backend: module://pickle\nfigure.facecolor: red\nno.such.key: 1\n",

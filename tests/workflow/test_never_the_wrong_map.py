@@ -230,7 +230,8 @@ def test_a_damaged_member_without_a_record_is_found(site, capsys):
 def test_a_report_is_never_made_of_maps_of_other_settings(site, capsys):
     (site / "site.yaml").write_text(OTHER)
     assert cli.main(["report", str(site)]) == ExitCode.FAILURE
-    assert "hazard.nc: inputs, configuration or version changed; run `runout hazard" in " ".join(capsys.readouterr().err.split())
+    said = " ".join(capsys.readouterr().err.split())
+    assert "hazard.nc: inputs, configuration or sources of runout changed; run `runout hazard" in said
     assert hazard_map.run(site, stages=("hazard",)).done == ("hazard",)
     (site / "site.yaml").write_text(SITE)
     assert Study.open(site).why_stale(hazard_map.PLAN[-1])

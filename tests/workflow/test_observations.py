@@ -126,7 +126,7 @@ def test_files_are_recorded_and_make_the_maps_stale_and_not_the_members(observed
     finally:
         (folder / "inputs" / "deposit.tif").write_bytes(before)
     assert stale["terrain"] is stale["release"] is stale["ensemble"] is None
-    assert stale["hazard"] == stale["report"] == "inputs, configuration or version changed"
+    assert stale["hazard"] == stale["report"] == "inputs, configuration or sources of runout changed"
 
 
 def test_maps_and_layers_open_in_a_gis(observed_site):
