@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from types import TracebackType
 from typing import Annotated, Any
 
@@ -98,7 +99,9 @@ def main(tokens: Sequence[str] | None = None) -> int:
 def _usage(error: CycloptsError) -> str:
     """What the command of a wrong call needs, and what lists its options."""
     if error.target not in COMMANDS:
-        return "runout --help lists all commands"
+        named = next((token for token in error.unused_tokens or () if Path(token).exists()), None)
+        site = f"to check this site: runout check {quote(named)}; " if named else ""
+        return f"{site}runout --help lists all commands"
     name = " ".join(["runout", *(error.command_chain or ())])
     words = []
     for one in inspect.signature(error.target).parameters.values():

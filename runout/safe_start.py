@@ -35,6 +35,7 @@ def open_streams() -> None:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # it gets the lowest free number, which is this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115 - for the whole process
+    sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # signs that its encoding lacks, as of stderr
 
 
 def ignore_settings() -> None:

@@ -19,8 +19,10 @@ from runout.io.atomic import read_json, write_json
 
 PACKAGE = Path(__file__).parent
 # what draws, prints, aggregates or starts: no value in the file of a member depends on it
-NOT_OF_MEMBERS = ("commands", "hazard", "report", "scores", "slopes", "studies", "verification", "view", "workflow")
-NOT_OF_MEMBERS += ("__main__.py", "cli.py", "doctor.py", "ending.py", "interrupt.py", "lifetime.py", "log.py", "safe_start.py")
+NOT_OF_MEMBERS = (
+    *("commands", "hazard", "report", "scores", "slopes", "studies", "view", "workflow"),
+    *("__main__.py", "cli.py", "doctor.py", "ending.py", "interrupt.py", "lifetime.py", "log.py", "safe_start.py"),
+)
 
 
 class Checksums(NamedTuple):

@@ -3,18 +3,20 @@
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from runout.commands.options import Device, Force, Injected, OnCluster, RetryFailed, Session, SiteArgument, Threads, Workers
+from runout.commands.written import Written
 from runout.errors import ExitCode
 
 LOGGER = logging.getLogger(__name__)
 
 
 def new(
-    folder: Path,
+    folder: Annotated[Path, Written(folder=True)],
     *,
     dem: Annotated[str, Parameter(help="Elevation raster.")],
     release: Annotated[Path, Parameter(help="Polygons or thickness raster of the release.")],
@@ -25,7 +27,7 @@ def new(
     from runout.config.scaffold import new_site
 
     made = new_site(folder, dem, release, thickness)
-    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, folder)
+    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, quote(str(folder)))
     return ExitCode.OK
 
 

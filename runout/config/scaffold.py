@@ -82,6 +82,8 @@ def commented_yaml(settings: SiteSettings) -> str:
 def _existing(path: Path, what: str) -> Path:
     if path.is_file():
         return path
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name the {what} file in it")
     near = nearest_file(path)
     raise InputError(f"{path}: there is no such {what} file" + (f"; did you mean {near}?" if near else "; check its path"))
 
