@@ -99,7 +99,9 @@ def main(tokens: Sequence[str] | None = None) -> int:
 def _usage(error: CycloptsError) -> str:
     """What the command of a wrong call needs, and what lists its options."""
     if error.target not in COMMANDS:
-        named = next((token for token in error.unused_tokens or () if Path(token).exists()), None)
+        from runout.io.boundary import exists
+
+        named = next((token for token in error.unused_tokens or () if exists(Path(token))), None)
         site = f"to check this site: runout check {quote(named)}; " if named else ""
         return f"{site}runout --help lists all commands"
     name = " ".join(["runout", *(error.command_chain or ())])
