@@ -205,7 +205,8 @@ def test_a_damaged_member_is_named_where_the_maps_are_made(site):
     """Of files that are put together in Python, without a record."""
     files = [member_file(site, number) for number in range(3)]
     shift(files[1])
-    with pytest.raises(StorageError, match=rf"{files[1].name}: its grid .* the file is damaged, remove it and run the ensemble again"):
+    said = rf"{files[1].name}: its grid .* the file is damaged, remove it and run the ensemble again"
+    with pytest.raises(StorageError, match=said):
         aggregate(files, [1, 1, 1], {"thickness": [0.1]}, [50.0])
 
 
