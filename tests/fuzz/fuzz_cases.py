@@ -24,7 +24,7 @@ from runout.workflow import plan, preview
 from runout.workflow.step_cost import StepCost
 
 LARGEST_DERIVED = 2_000_000  # cells that a site on a huge raster may need here, so that memory and time of a case are bounded
-LIMIT = 60  # [s] of a case; most take some hundredths
+LIMIT, WAITING_LIMIT = 30, 300  # [s] of processor time of a case, most of which take some hundredths, and of waiting
 
 
 class Overdue(BaseException):
@@ -82,15 +82,19 @@ def limited() -> Iterator[None]:
     """A limit of time for what is called."""
 
     def overdue(*_: object) -> None:
-        raise Overdue(f"longer than {LIMIT} s")
+        raise Overdue(f"longer than {LIMIT} s of work, or {WAITING_LIMIT} s in all")
 
-    before = signal.signal(signal.SIGALRM, overdue)
-    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    timers = {signal.ITIMER_PROF: (signal.SIGPROF, LIMIT), signal.ITIMER_REAL: (signal.SIGALRM, WAITING_LIMIT)}
+    before = {number: signal.signal(number, overdue) for number, _ in timers.values()}
+    for timer, (_, seconds) in timers.items():
+        signal.setitimer(timer, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for timer in timers:
+            signal.setitimer(timer, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
