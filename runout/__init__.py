@@ -6,8 +6,11 @@ of the material and friction laws are among them: each file of :mod:`runout.mate
 
 from runout import ending
 
-if ending.is_command():  # before slow imports
+if ending.is_command():  # before slow imports, and before any from the working directory
     ending.end_at_once()
+    from runout import safe_start
+
+    safe_start.begin()
 
 from importlib import import_module
 from importlib.machinery import PathFinder

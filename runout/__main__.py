@@ -5,17 +5,20 @@ import os
 import sys
 
 from runout.ending import end_at_once
+from runout.safe_start import begin, ignore_settings
 
 
 def main() -> int:
     """Exit code of the command of this process."""
     end_at_once()
+    begin()
     _restart_in_utf8()
     gc.disable()  # imports leave no garbage to look for; it is enabled before work that takes longer
     from runout.cli import main as command
     from runout.without_dask import hide_dask
 
     hide_dask()
+    ignore_settings()
     return command()
 
 

@@ -1,9 +1,15 @@
 """Cache folders of compilers and plotting. Writable folders are set before these libraries are imported."""
 
+import logging
 import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+
+from runout.errors import ConfigError
+from runout.io.regular import WRITTEN_BY_ALL, every_user_writes, fault_of_owner
+
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -18,6 +24,23 @@ class Cache:
     def folder(self) -> Path:
         """Present folder of the cache."""
         return Path(os.environ.get(self.variable) or Path(*self.default)).expanduser()
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the environment states the folder."""
+        return self.variable in os.environ
+
+    def fault(self) -> str:
+        """Why others could place code in the folder; empty if they cannot, or if there is none.
+
+        A folder that the environment states may be a link, or that of a colleague.
+        """
+        if not self.is_stated:
+            return _unsafe(self.folder)
+        try:
+            return WRITTEN_BY_ALL if every_user_writes(self.folder.stat()) else ""
+        except OSError:
+            return ""
 
 
 def all_caches() -> tuple[Cache, ...]:
@@ -38,12 +61,22 @@ def compiled_code() -> Cache:
 
 
 def prepare() -> None:
-    """Replace cache folders that cannot be written by temporary ones, for this process and its children.
+    """Replace cache folders that cannot be written, or that are not safe, by temporary ones, here and in child processes.
 
     Variables that the user has set are not changed.
+
+    Raises
+    ------
+    ConfigError
+        If such a variable names a folder that every user can write: compiled code of others would run.
     """
     for cache in all_caches():
-        if cache.variable not in os.environ and not may_write(cache.folder):
+        fault = cache.fault()
+        if cache.is_stated and fault:
+            raise ConfigError(f"{cache.variable}={cache.folder}: {fault}; others could place code there, name a folder of your own")
+        if fault:
+            LOGGER.warning("%s %s; a temporary folder is used for %s", cache.folder, fault, cache.name)
+        if not cache.is_stated and (fault or not may_write(cache.folder)):
             os.environ[cache.variable] = str(_temporary() / cache.variable.lower())
 
 
@@ -72,8 +105,16 @@ def _temporary() -> Path:
     folder = Path(tempfile.gettempdir()) / f"runout-{owner}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        if not hasattr(os, "getuid") or folder.stat().st_uid == owner:
+        if not _unsafe(folder):
             return folder
     except OSError:
         pass  # if this fails, each process gets its own folder or reports the error
     return Path(tempfile.mkdtemp(prefix="runout-"))
+
+
+def _unsafe(folder: Path) -> str:
+    """Why a folder that runout has chosen may hold code of others; empty if it is missing or safe."""
+    try:
+        return "is a link" if folder.is_symlink() else fault_of_owner(folder.stat())
+    except OSError:
+        return ""

@@ -1,7 +1,8 @@
 """Checkpoint of a run: one file with its complete state, from which it continues to the same bits.
 
 The file is an archive of plain arrays (.npz) beside a key of the inputs. It replaces the one before as a whole, and goes when the
-run is complete. A checkpoint of other inputs, of another version or half written is not used: the run starts anew and says so.
+run is complete. A checkpoint of other inputs, of other sources of runout or half written is not used: the run starts anew and says
+so.
 """
 
 import hashlib
@@ -17,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from runout import __version__
+from runout import source_code
 from runout.backends.protocol import Backend, ResumableBackend
 from runout.backends.state import State
 from runout.errors import ConfigError
@@ -75,7 +76,7 @@ class Checkpoint:
             with np.load(self.path, allow_pickle=False) as archive:
                 if str(archive["key"]) == self.key:
                     return {name: archive[name] for name in archive.files if name != "key"}
-            reason = "it belongs to other inputs or another version of runout"
+            reason = "it belongs to other inputs or other sources of runout"
         except DAMAGED as error:
             reason = f"it cannot be read ({error})"
         LOGGER.warning("%s: checkpoint not used, %s; the run starts from time zero", self.path, reason)
@@ -109,8 +110,8 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
 
 
 def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
-    """Checksum of everything a run depends on: version, scene, particles, and further choices with a complete ``repr``."""
-    digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, member_map_names(), choices)).encode())
+    """Checksum of all that a run depends on: sources of runout, scene, particles, and further choices with a complete ``repr``."""
+    digest = hashlib.sha256(repr((FORMAT, source_code.checksums().members, np.__version__, member_map_names(), choices)).encode())
     ground = scene.ground
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
     transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed)

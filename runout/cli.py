@@ -1,11 +1,14 @@
 """The command ``runout``: parses arguments and delegates."""
 
 import gc
+import inspect
 import logging
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from types import TracebackType
 from typing import Annotated, Any
 
@@ -21,7 +24,7 @@ with interrupt.ended_at_once():  # it takes a moment
     from runout.commands.written import require_places
 
 LOGGER = logging.getLogger(__name__)
-INTERRUPTED = 130  # exit code of shells for a command that Ctrl-C ended
+INTERRUPTED, BROKEN_PIPE = 130, 141  # exit codes of shells for a command that Ctrl-C ended, or whose output nobody reads
 
 app = App(
     name="runout",
@@ -48,6 +51,8 @@ def launch(
     """Run one command with the options of every command."""
     session = Session(verbosity=1 if verbose else -1 if quiet else 0, out=out)
     command, bound, injected = _parsed(app, tokens)
+    if command not in COMMANDS:  # of cyclopts, which prints help or the version
+        return _printed(command, bound)
     log.to_terminal(session.verbosity)
     sys.excepthook = partial(_unexpected, session)
     if command not in sites.SHORT:
@@ -70,27 +75,57 @@ def main(tokens: Sequence[str] | None = None) -> int:
     try:
         caches.prepare()
         command, bound, _ = _parsed(app.meta, sys.argv[1:] if tokens is None else tokens)
-        return int(command(*bound.args, **bound.kwargs) or ExitCode.OK)
+        code = command(*bound.args, **bound.kwargs) if command is launch else _printed(command, bound)
+        sys.stdout.flush()
+        return int(code or ExitCode.OK)
     except CycloptsError as error:
-        return _say(str(error), ExitCode.CONFIGURATION)
+        return _say(f"{str(error).rstrip(' ,.')}; {_usage(error)}", ExitCode.CONFIGURATION)
     except RunoutError as error:
         LOGGER.debug("traceback", exc_info=error)
         return _say(str(error), error.exit_code)
+    except BrokenPipeError:
+        log.silence_output()
+        return BROKEN_PIPE
     except OSError as error:  # errors of the system that the user can remedy, such as a full disk
         LOGGER.debug("traceback", exc_info=error)
         from runout.io.atomic import reason
 
+        log.silence_output()
         return _say(f"{error.filename or 'input or output'}: {reason(error)}", ExitCode.FAILURE)
     except KeyboardInterrupt:
         return _say(interrupt.MESSAGE, INTERRUPTED)
+
+
+def _usage(error: CycloptsError) -> str:
+    """What the command of a wrong call needs, and what lists its options."""
+    if error.target not in COMMANDS:
+        from runout.io.boundary import exists
+
+        named = next((token for token in error.unused_tokens or () if exists(Path(token))), None)
+        site = f"to check this site: runout check {quote(named)}; " if named else ""
+        return f"{site}runout --help lists all commands"
+    name = " ".join(["runout", *(error.command_chain or ())])
+    words = []
+    for one in inspect.signature(error.target).parameters.values():
+        if one.default is one.empty and one.kind is not one.VAR_POSITIONAL and one.name != "session":
+            words.append(f"--{one.name} {one.name.upper()}" if one.kind is one.KEYWORD_ONLY else one.name.upper())
+    return f"usage: {' '.join([name, *words])}; all options: {name} --help"
 
 
 def _parsed(application: App, tokens: Sequence[str]) -> tuple[Callable[..., Any], Any, dict[str, Any]]:
     return application.parse_args(list(tokens), exit_on_error=False, print_error=False)
 
 
+def _printed(command: Callable[..., Any], bound: Any) -> int:
+    """Call a function of cyclopts that prints help or the version."""
+    bound.arguments["console"] = log.plain_output()
+    command(*bound.args, **bound.kwargs)
+    return ExitCode.OK
+
+
 def _say(message: str, code: int) -> int:
-    log.console().print(f"[bold red]error:[/] {log.escaped(message)}")
+    with suppress(OSError):  # nobody can read it
+        log.console().print(f"[bold red]error:[/] {log.escaped(message)}")
     return int(code)
 
 

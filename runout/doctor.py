@@ -12,6 +12,7 @@ from pathlib import Path
 
 from runout import __version__, caches, log
 from runout.errors import ExitCode, RenderError
+from runout.lifetime import import_path, python_command
 
 LIBRARIES = ("numpy", "numba", "warp-lang", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
 IMPORTED = ("numpy", "numba", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
@@ -91,7 +92,9 @@ def _memory() -> str:
 
 def _graphics() -> Iterator[Finding]:
     """Devices of warp, found by another process, since a broken driver may end it."""
-    asked = subprocess.run([sys.executable, "-c", ASK_WARP], capture_output=True, text=True, timeout=120, check=False)
+    environment = {**os.environ, "PYTHONPATH": import_path()}
+    command = python_command(ASK_WARP)
+    asked = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     if asked.returncode:
         reason = (asked.stderr.strip() or f"it ended with code {asked.returncode}").splitlines()[-1]
         yield Finding("devices", f"gpu: warp cannot start ({reason}); the CPU backend does not need it")
@@ -112,9 +115,11 @@ def _pictures() -> str:
 
 def _caches() -> Iterator[Finding]:
     for cache in caches.all_caches():
-        reason = caches.try_to_write(cache.folder)
-        where = f"{cache.name}: {cache.folder}"
-        if reason:
+        where, fault, reason = f"{cache.name}: {cache.folder}", cache.fault(), caches.try_to_write(cache.folder)
+        if fault:
+            remedy = f"set {cache.variable} to a folder of your own"
+            yield Finding("caches", f"{where} {fault}; others could place code there", remedy)
+        elif reason:
             yield Finding("caches", f"{where} cannot be written ({reason})", f"set {cache.variable} to a folder that you may write")
         else:
             yield Finding("caches", where)

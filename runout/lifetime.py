@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 
+from runout.safe_start import SAFE_PATH
+
 LOOK_SECONDS = 0.25  # [s] between two checks of the parent
 END_SECONDS = 2.0  # [s] that a killed process has to end
 
@@ -38,21 +40,41 @@ def end_workers() -> None:
         child.join(END_SECONDS)
 
 
+def python_command(code: str, *arguments: str) -> list[str]:
+    """Command of a Python process that runs ``code``; it takes no code and no settings from the working directory."""
+    return [sys.executable, "-P", "-c", f"from runout.safe_start import ignore_settings; ignore_settings(); {code}", *arguments]
+
+
 @contextmanager
 def interrupts_kept() -> Iterator[None]:
     """Context whose child processes do not receive Ctrl-C from the terminal; their parent ends them.
 
     An interrupt of this process during the block takes effect at its end.
     """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # a process of multiprocessing; its starter unblocks signals again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with _safe_path():
+        if not hasattr(signal, "pthread_sigmask"):
+            yield
+            return
+        resource_tracker.ensure_running()  # a process of multiprocessing; its starter unblocks signals again
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Context whose child processes do not import from the working directory, also those that multiprocessing starts."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if before is None:
+            os.environ.pop(SAFE_PATH, None)  # another thread may have removed it
+        else:
+            os.environ[SAFE_PATH] = before
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.io.atomic import storage_error
+from runout.io.regular import open_regular
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -61,16 +63,41 @@ class JsonLines(logging.Formatter):
 @cache  # messages and bars share one console, so that they do not overwrite each other
 def console() -> "Console":
     """Console for messages on standard error; standard output carries only results."""
-    from rich.console import Console
-
-    return Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+    return _console_class()(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def output() -> "Console":
     """Console for results on standard output; wide if it is not a terminal."""
+    return _console_class()(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
+
+
+def plain_output() -> "Console":
+    """Console of standard output as rich makes it, for help."""
+    return _console_class()()
+
+
+@cache  # defined at its first use, since the import of rich takes a while
+def _console_class() -> "type[Console]":
     from rich.console import Console
 
-    return Console(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
+    class PipeConsole(Console):
+        """Console whose reader may end first: a command goes on without messages, and ends without results."""
+
+        def on_broken_pipe(self) -> None:
+            """Print no more; BrokenPipeError if results are lost."""
+            self.quiet = True
+            if not self.stderr:
+                raise BrokenPipeError
+
+    return PipeConsole
+
+
+def silence_output() -> None:
+    """Discard what is left of standard output, which cannot be written; else the interpreter reports it at its end."""
+    with suppress(OSError, ValueError):  # ValueError: in tests, standard output is no file
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
 
 
 class Terminal(logging.Handler):
@@ -98,9 +125,10 @@ class Terminal(logging.Handler):
 
         style = "yellow" if record.levelno < logging.ERROR else "bold red"
         mark = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
-        console().print(Text.assemble((mark, style), (named, "dim" if record.levelno < logging.INFO else "")))
-        if record.exc_info:
-            console().print(logging.Formatter().formatException(record.exc_info), markup=False, style="dim")
+        with suppress(OSError):  # the terminal is gone, or its file is full; the work goes on
+            console().print(Text.assemble((mark, style), (named, "dim" if record.levelno < logging.INFO else "")))
+            if record.exc_info:
+                console().print(logging.Formatter().formatException(record.exc_info), markup=False, style="dim")
 
 
 def _terminals() -> list[Terminal]:
@@ -143,7 +171,8 @@ def to_file(path: Path) -> Iterator[None]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = logging.FileHandler(path, encoding="utf-8")
+        descriptor = open_regular(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        handler = logging.StreamHandler(os.fdopen(descriptor, "a", encoding="utf-8"))
     except OSError as error:
         raise storage_error(path, error) from error
     handler.setFormatter(JsonLines())
@@ -163,7 +192,7 @@ def to_file(path: Path) -> Iterator[None]:
         for logger in (LOGGER, WARNINGS):
             logger.removeHandler(handler)
         with suppress(OSError):  # full disk; the writers of products report it
-            handler.close()
+            handler.stream.close()
 
 
 @contextmanager

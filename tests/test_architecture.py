@@ -25,7 +25,7 @@ LARGEST_REFERENCE = 480
 HOMES = {
     "numba": (
         *("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
-        "runout/structures/lattice_distance.py",
+        *("runout/structures/lattice_distance.py", "runout/safe_start.py"),  # the second: its settings
     ),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
 }

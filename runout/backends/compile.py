@@ -360,9 +360,12 @@ def threads_at_most(count: int) -> Iterator[None]:
 
 @cache
 def cache_root() -> Path:
-    """Folder of all code that numba has compiled; a temporary one where the user's cache cannot be written."""
-    folder = compiled_code().folder / "numba"
+    """Folder of all code that numba has compiled; a temporary one where the user's cache cannot be written or is not safe."""
+    cache = compiled_code()
+    folder = cache.folder / "numba"
     try:
+        if fault := cache.fault():
+            raise PermissionError(f"{cache.folder} {fault}")
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -9,13 +9,14 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from runout.commands.options import Device, Force, Injected, OnCluster, RetryFailed, Session, SiteArgument, Threads, Workers
+from runout.commands.written import Written
 from runout.errors import ExitCode
 
 LOGGER = logging.getLogger(__name__)
 
 
 def new(
-    folder: Path,
+    folder: Annotated[Path, Written(folder=True)],
     *,
     dem: Annotated[str, Parameter(help="Elevation raster.")],
     release: Annotated[str, Parameter(help="Polygons or thickness raster of the release.")],

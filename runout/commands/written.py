@@ -59,9 +59,10 @@ def _results_of(site: Any) -> Path | None:
 def _written(command: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Written, Path]]:
     """Name, mark and value of each option of a command that names what it writes."""
     hints = get_type_hints(command, include_extras=True)
-    for name in inspect.signature(command).parameters:
+    for name, parameter in inspect.signature(command).parameters.items():
         mark = next((part for part in get_args(hints.get(name)) if isinstance(part, Written)), None)
         value = given.get(name)
         for path in value if isinstance(value, list) else [value]:
             if mark is not None and isinstance(path, Path):
-                yield f"--{name.replace('_', '-')}", mark, path
+                positional = parameter.kind is parameter.POSITIONAL_OR_KEYWORD
+                yield name.upper() if positional else f"--{name.replace('_', '-')}", mark, path

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout import __version__
+from runout import source_code
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, sampled_ranges
 from runout.config.stated_at import stated_at
@@ -52,7 +52,7 @@ def known_extent(site: "Site") -> DerivedExtent | None:
     if site.known.path is None:
         return needed_extent(site)
     stated = site.settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
-    key = checksum([__version__, stated, site.checksums()])
+    key = checksum([source_code.checksums().members, stated, site.checksums()])
     noted = site.known.value("extent", key)
     if noted is None:
         found = needed_extent(site)

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from pydantic import ValidationError
@@ -76,7 +77,8 @@ def site_file(path: Path | str) -> Path:
         raise ConfigError(f"{path if kind else path / FILE_NAME}: is {kind or named}, not a file; copy its content to a site.yaml")
     if is_folder:
         sites = [name for name in names_in(path) if (path / name / FILE_NAME).is_file()]
-        fix = f"name one of its sites: {', '.join(sites)}" if sites else f"`runout new {path} --dem ... --release ...` makes a site"
+        new = f"`runout new {quote(str(path))} --dem ... --release ...` makes a site"
+        fix = f"name one of its sites: {', '.join(sites)}" if sites else new
         raise ConfigError(f"{path}: the folder holds no {FILE_NAME}; {fix}")
     near = nearest_file(path)
     raise ConfigError(
@@ -89,7 +91,7 @@ def nearest_file(path: Path) -> Path | None:
     parent = path.parent
     while not (exists(parent) and parent.is_dir()):
         parent = parent.parent
-    beside = [name for name in names_in(parent)[:MOST_NAMES] if not name.startswith(".")]
+    beside = [name for name in names_in(parent)[:MOST_NAMES] if not name.startswith(".") and name != path.name]
     match = difflib.get_close_matches(path.name[:LONGEST_NAME], beside, n=1)
     if match:
         return parent / match[0]

@@ -19,7 +19,7 @@ from runout.config.problems import inner_model
 from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
-from runout.errors import DemError, InputError
+from runout.errors import DemError, InputError, ReleaseError
 from runout.io.boundary import exists, kind_of, names_in
 from runout.io.source_kinds import file_in, holds_geometries, is_dataset, with_file
 from runout.model.limits import checked
@@ -163,11 +163,12 @@ def _first_release(source: str, terrain: "Terrain", thickness: str | None, layer
 
 def _require_raster(source: str) -> None:
     """Raise an error if a release that is no vector file is no raster either."""
-    from runout.terrain.read import read_header
+    from runout.terrain.source import THICKNESS, open_source
 
     try:
-        read_header(source)
-    except DemError as cause:
+        with open_source(source, THICKNESS):
+            pass
+    except ReleaseError as cause:
         kinds = (
             "polygons (GeoPackage, Shapefile, GeoJSON, FlatGeobuf, file geodatabase), or a raster in the forms of the elevations"
         )

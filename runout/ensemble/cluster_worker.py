@@ -11,13 +11,13 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from runout import __version__
+from runout import __version__, source_code
 from runout.ensemble.dispatch import Died
 from runout.ensemble.worker import Done, Group, Progress, Task
 from runout.ensemble.workers import MEMORY_SHARE, Capacity, Share, Workforce
@@ -63,6 +63,8 @@ class Offer:
         Cores and memory that dask gives to the worker, and GPUs.
     gpus : tuple of str
         The GPUs by host and number, as workers of one host may share them.
+    sources : str
+        Checksum of the sources of runout where the offer is made.
     """
 
     runout: str
@@ -70,6 +72,7 @@ class Offer:
     fault: str | None
     capacity: Capacity
     gpus: tuple[str, ...] = ()
+    sources: str = field(default_factory=lambda: source_code.checksums().members)
 
 
 def state_offer(needs: Needs, dask_worker: Any = None) -> Offer:

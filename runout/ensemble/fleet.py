@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout import __version__
+from runout import __version__, source_code
 from runout.ensemble import cluster_worker
 from runout.ensemble.cluster import Cluster
 from runout.ensemble.cluster_worker import Needs, Offer
@@ -224,6 +224,8 @@ class Fleet:
         python = platform.python_version_tuple()[:2]
         if offer.runout != __version__:
             return f"has runout {offer.runout}, here it is {__version__}; install the same version"
+        if offer.sources != source_code.checksums().members:
+            return f"has other sources of runout {__version__} than this machine; install the same state of it"
         if tuple(offer.python.split(".")[:2]) != python:
             return f"has Python {offer.python}, here it is {'.'.join(python)}; use the same version"
         if offer.capacity.holds(self.order.member_bytes) < 1:

@@ -8,7 +8,7 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout import __version__
+from runout import source_code
 from runout.ensemble.design import Design, member_table
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
@@ -126,13 +126,13 @@ def store_design(site: "Site", results: Path) -> None:
 def _design_key(site: "Site") -> str:
     ensemble = site.settings.ensemble
     stated = {name: vars(distribution) for name, distribution in (ensemble.parameters or {}).items()}
-    return checksum([__version__, ensemble.members, ensemble.seed, list(stated.items())])
+    return checksum([source_code.checksums().members, ensemble.members, ensemble.seed, list(stated.items())])
 
 
 def _common_key(site: "Site") -> str:
-    """Checksum of what all members share: input contents, configuration, version of the solver, maps in their files."""
+    """Checksum of what all members share: input contents, configuration, sources of runout, maps in their files."""
     configuration = {k: v for k, v in site.computed().items() if k not in NOT_IN_KEY}
-    made = {"version": __version__, "maps": member_map_names()}
+    made = {"sources": source_code.checksums().members, "maps": member_map_names()}
     return checksum({"inputs": site.checksums(), "configuration": configuration, **made})
 
 
@@ -253,6 +253,8 @@ def simulate_together(
 def _write(site: "Site", member: Member, result: "Result", results: Path) -> None:
     """The file of a member, whole or not at all."""
     from runout.ensemble.work_log import log_work
+    from runout.io.netcdf import writing
+    from runout.io.seal import seal
 
     attributes = {
         "member_key": member.key,
@@ -265,4 +267,6 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
     with whole_file(member.file(results)) as temporary:
         partly = "reached_only" in signature(result.to_netcdf).parameters  # results of other solvers may hold whole rasters
         result.to_netcdf(temporary, attrs=attributes, **({"reached_only": True} if partly else {}))
+        with writing(member.file(results)):
+            seal(temporary)
     log_work(member.number, getattr(result, "series", {}))

@@ -22,6 +22,7 @@ from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged
 from runout.io.lock import exclusive, shared
 from runout.io.part import remove_stale
+from runout.io.places import require_own_results
 from runout.model.facts import as_html, as_text
 
 if TYPE_CHECKING:
@@ -171,10 +172,13 @@ def run_ensemble(
         If no worker of the cluster can compute members.
     StorageError
         If the folder cannot be written or another run works in it.
+    ConfigError
+        If something else lies in the place of the folder, of one of its files or folders (see :mod:`runout.io.places`).
     InputError
         If an input of the site cannot be read, or the ensemble has no member.
     """
     results = Path(results).absolute() if cluster else Path(results)
+    require_own_results(results)
     inputs = Unchanged(site.inputs())
     members, folder = plan_members(site, results), members_folder(results)
     if part is not None:

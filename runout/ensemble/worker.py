@@ -24,6 +24,7 @@ from runout.ensemble.member import Member
 from runout.errors import DeviceError
 from runout.lifetime import children_allowed, end_with_parent, interrupts_kept
 from runout.log import MEMBER
+from runout.safe_start import ignore_settings
 from runout.without_dask import hide_dask
 
 TICK_SECONDS = 0.5  # [s] between two progress messages of a worker
@@ -202,6 +203,7 @@ def _work(pipe: Connection, device: str | None, parent: int, imports: Sequence[s
     """
     end_with_parent(parent)
     hide_dask()
+    ignore_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("runout", "py.warnings"):  # the parent process has already logged messages on the inputs
         logging.getLogger(name).addHandler(logging.NullHandler())

@@ -72,10 +72,10 @@ class Written:
             return Found(None if fault else noted, fault, noted=True)
         if not path.is_file():
             return Found()
-        from runout.io.netcdf import unreadable
+        from runout.io.seal import broken_seal
 
         key = stored_key(path)
-        fault = "is not the file of a member" if key is None else unreadable(path)
+        fault = "is not the file of a member" if key is None else broken_seal(path)
         return Found(None if fault else key, fault)
 
     def has(self, path: Path) -> bool:

@@ -13,7 +13,7 @@ from runout.config.parameter_variables import parameter_variable
 from runout.ensemble.member import failure_file, members_folder
 from runout.errors import StorageError
 from runout.io import netcdf
-from runout.io.atomic import read_json, storage_error, whole_file
+from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_coordinates
 from runout.io.map_layers import add_layers, put, whole_chunks
 from runout.io.member_maps import MEMBER_MAPS, MemberMaps
@@ -121,7 +121,7 @@ def members_file(
     known = None if np.isfinite(terrain.elevation).all() else np.isfinite(terrain.elevation)
     with netcdf.LOCK, whole_file(path) as temporary:
         netcdf.write(skeleton, temporary)
-        with _written(path):
+        with netcdf.writing(path):
             file = netCDF4.Dataset(temporary, "a")
             layers = {name: _add_layers(file, name) for name in MEMBER_MAPS}
             for index in set(range(len(ensemble.table))) - set(places):
@@ -135,23 +135,14 @@ def members_file(
             place = whole_chunks(rows, terrain.shape[0]), whole_chunks(columns, terrain.shape[1])
             for name in MEMBER_MAPS:
                 cells = member.within(name, place) if known is None else member.layer(name, known)
-                with _written(path):
+                with netcdf.writing(path):
                     put(layers[name], cells, (places[number],), (place[0].start, place[1].start))
 
         try:
             yield copy
         finally:
-            with _written(path):
+            with netcdf.writing(path):
                 file.close()
-
-
-@contextmanager
-def _written(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Block in which the netCDF library writes to a file."""
-    try:
-        yield
-    except RuntimeError as cause:  # what the library makes of a full disk
-        raise storage_error(path, cause) from cause
 
 
 def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":

@@ -11,6 +11,7 @@ from typing import Any
 
 from runout.errors import DiskFullError, StorageError
 from runout.io.part import part_folder
+from runout.io.regular import NOT_REGULAR, read_regular
 
 PROBE = 2**20  # bytes that are written to test whether a disk is full
 
@@ -25,6 +26,7 @@ _REMEDY = {
     errno.EROFS: "the file system is read-only; choose another folder with --out",
     errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder with --out",
     errno.EEXIST: "a part of the path is a file, not a folder; choose another folder with --out",
+    NOT_REGULAR: "it is a link, a pipe or a device, not a file; remove it or choose another folder with --out",
     errno.EISDIR: "there is a folder of that name; remove it or choose another folder with --out",
 }
 
@@ -103,9 +105,9 @@ def write_json(content: Mapping[str, Any], path: str | os.PathLike[str]) -> Path
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Mapping of a JSON file; empty if the file is missing, damaged or holds no mapping."""
+    """Mapping of a JSON file; empty if the file is missing, damaged, a link or a pipe, or holds no mapping."""
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(read_regular(path).decode("utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}

@@ -9,6 +9,7 @@ from pathlib import Path
 from runout.errors import StorageError
 from runout.io.atomic import storage_error
 from runout.io.part import fcntl, lock_folder
+from runout.io.regular import open_regular
 
 BUSY = (errno.EACCES, errno.EAGAIN)  # error numbers of a lock that another process holds
 
@@ -34,6 +35,7 @@ def exclusive(folder: Path, name: str = ".lock", *, wait: bool = False) -> Itera
     lock = locket.lock_file(str(folder / name), timeout=None if wait else 0)
     try:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        os.close(open_regular(folder / name, os.O_WRONLY | os.O_CREAT))
         lock.acquire()
     except locket.LockError:
         raise _occupied(folder) from None
@@ -60,7 +62,7 @@ def shared(folder: Path, name: str = ".lock") -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = open(folder / name, "ab")  # noqa: SIM115 - closed below, which ends the lock
+        file = open(open_regular(folder / name, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "ab")  # noqa: SIM115 - closed below
     except OSError as cause:
         raise storage_error(folder, cause) from cause
     with file:

@@ -164,9 +164,12 @@ class MemberMaps:
             for axis, whole, part in zip(held, expected, self.part.slices, strict=True)
         ):
             return
+        from runout.io.seal import broken_seal
+
+        reason = "the file is damaged" if broken_seal(self.path) else f"this file or {first} is damaged or of another raster"
         raise StorageError(
             f"{self.path}: its grid ({self.shape[0]} rows, {self.shape[1]} columns) is not that of {first}; "
-            "the elevation raster has changed in between, remove the file and run the ensemble again"
+            f"{reason}, remove it and run the ensemble again"
         )
 
     def held(self) -> tuple[str, ...]:

@@ -201,18 +201,13 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
         return {name: file.getncattr(name) for name in file.ncattrs()}
 
 
-def unreadable(path: str | os.PathLike[str]) -> str | None:
-    """Reason why a file cannot be read completely; None if every value of every group can be read."""
-    import netCDF4
-
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Context in which the netCDF library writes to a file; its errors, also that of a full disk, become a StorageError."""
     try:
-        with LOCK, netCDF4.Dataset(path) as file:
-            for group in (file, *file.groups.values()):
-                for variable in group.variables.values():
-                    variable[...]
-    except (OSError, RuntimeError, ValueError) as cause:
-        return f"cannot be read ({cause})"
-    return None
+        yield
+    except RuntimeError as cause:
+        raise storage_error(path, cause) from cause
 
 
 @contextmanager

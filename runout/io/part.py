@@ -43,7 +43,7 @@ def part_folder(path: Path) -> Iterator[Path]:
 
 def remove_stale(folder: str | os.PathLike[str]) -> int:
     """Remove folders of killed processes from ``folder`` and its subfolders; returns their number."""
-    return sum(_remove(part) for part in Path(folder).rglob(PATTERN) if part.is_dir())
+    return sum(_remove(part) for part in Path(folder).rglob(PATTERN) if part.is_dir() and not part.is_symlink())
 
 
 def _new(path: Path) -> tuple[Path, int | None]:
@@ -68,7 +68,7 @@ def lock_folder(folder: Path, *, wait: bool) -> int | None:
     if fcntl is None:
         return None
     try:
-        descriptor = os.open(folder, os.O_RDONLY)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except FileNotFoundError:
         return None
     try:

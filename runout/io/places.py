@@ -6,10 +6,13 @@ from pathlib import Path
 
 from runout.errors import ConfigError
 from runout.io.boundary import exists, kind_of
+from runout.io.regular import fault_of_owner, irregular
 
 ELSEWHERE = "name another place"
+OTHERWISE = "or choose another folder with --out"
 RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
-RESULT_FOLDERS = ("members", "maps", "probes", "profiles", "simulations", "animations", "scarp")
+RESULT_FOLDERS = ("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes", ".locks")
+RESULT_RECORD = "stages.json"  # a folder that holds it is one of results
 
 
 def require_place(option: str, path: Path, *, folder: bool) -> None:
@@ -30,17 +33,56 @@ def require_results(option: str, results: Path) -> None:
         raise ConfigError(f"{option} {fault}")
 
 
+def require_own_results(results: Path) -> None:
+    """Raise ConfigError if something else lies in the place of a results folder, of one of its files or folders.
+
+    The folder may itself be a link, see :func:`fault_in_results`; links in it would let a run write and remove files elsewhere.
+    """
+    fault = fault_in_results(results)
+    if fault:
+        raise ConfigError(fault)
+
+
 def fault_in_results(results: Path) -> str:
-    """What lies in the place of a results folder, of one of its files or folders, with the remedy; empty if nothing does."""
+    """What lies in the place of a results folder, of one of its files or folders, with the remedy; empty if nothing does.
+
+    The folder may be a link to another disk, if the user owns what it names, and nothing but results lies there.
+    """
     if exists(results) and not results.is_dir():
         return f"{results}: is a file; name a folder"
+    if results.is_symlink() and (fault := _fault_of_link(results)):
+        return f"{results}: is a link to {os.path.realpath(results)}, {fault}; remove the link, {OTHERWISE}"
+    strange = irregular(results)
+    if strange:
+        more = f", and {len(strange) - 1} more" if len(strange) > 1 else ""
+        path, kind = strange[0]
+        return f"{path}: is {kind}{more}; results are files and folders, and no links: remove it, {OTHERWISE}"
     places = [results, *(results / name for name in RESULT_FOLDERS if (results / name).is_dir())]
     found = [path for place in places for path in _strange(place)]
     if not found:
         return ""
     kind, wanted = ("folder", "file") if found[0].is_dir() else ("file", "folder")
     more = f", and {len(found) - 1} more" if len(found) > 1 else ""
-    return f"{found[0]}: is a {kind} where results have a {wanted}{more}; remove it, or choose another folder with --out"
+    return f"{found[0]}: is a {kind} where results have a {wanted}{more}; remove it, {OTHERWISE}"
+
+
+def _fault_of_link(results: Path) -> str:
+    """Why results do not go where a link in the place of their folder leads; empty if they do."""
+    try:
+        owner, names = fault_of_owner(results.stat()), sorted(os.listdir(results))
+    except OSError as cause:
+        return f"which cannot be read ({cause.strerror})"
+    if owner:
+        return f"which {owner}"
+    if RESULT_RECORD in names:
+        return ""
+    others = [name for name in names if not _is_of_results(name)]
+    return f"which holds other files, such as {others[0]}" if others else ""
+
+
+def _is_of_results(name: str) -> bool:
+    """Whether a results folder may hold a file or folder of this name."""
+    return name in RESULT_FOLDERS or name.endswith((*RESULT_FILES, ".lock", ".part"))
 
 
 def _strange(folder: Path) -> list[Path]:

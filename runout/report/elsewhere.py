@@ -11,7 +11,7 @@ from importlib import import_module
 from subprocess import PIPE
 from typing import Self, TypeVar
 
-from runout.lifetime import end_with_parent, import_path, interrupts_kept
+from runout.lifetime import end_with_parent, import_path, interrupts_kept, python_command
 
 LOGGER = logging.getLogger(__name__)
 MOST = 3  # processes; each renders the ground of the maps anew
@@ -63,7 +63,7 @@ def _started() -> "subprocess.Popen[bytes] | None":
     environment = {**os.environ, "PYTHONPATH": import_path()}
     try:
         with interrupts_kept():
-            return subprocess.Popen([sys.executable, "-P", "-c", COMMAND], env=environment, stdin=PIPE, stdout=PIPE, stderr=PIPE)
+            return subprocess.Popen(python_command(COMMAND), env=environment, stdin=PIPE, stdout=PIPE, stderr=PIPE)
     except OSError as cause:
         LOGGER.debug("no process that draws can be started: %s", cause)
         return None

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,7 +133,8 @@ def _of_folder(path: Path, reading: Reading) -> Product:
             return _of_netcdf(place, reading)
     if (path / "hdr.adf").is_file():  # an ESRI grid is a folder
         return _of_raster(path, reading)
-    raise ObservationError(f"{path}: holds no hazard.nc; run `runout run {path}` first, or name the file that is compared")
+    remedy = f"run `runout run {quote(str(path))}` first, or name the file that is compared"
+    raise ObservationError(f"{path}: holds no hazard.nc; {remedy}")
 
 
 def _of_netcdf(path: Path, reading: Reading) -> Product:

@@ -108,10 +108,12 @@ def read_thalweg(path: Path, terrain: Terrain, layer: str | None = None) -> tupl
     import shapely
 
     frame, changes = _features(path, terrain, layer, "thalweg")
-    line = shapely.line_merge(shapely.union_all(shapely.force_2d(frame.geometry.to_numpy())))
-    if line.geom_type != "LineString":
-        kinds = ", ".join(sorted({str(g.geom_type) for g in frame.geometry if g is not None}))
-        raise ObservationError(f"{path}: holds {len(frame)} features ({kinds}); a thalweg is one line without branches or gaps")
+    kinds = {str(g.geom_type) for g in frame.geometry if g is not None}
+    lines = shapely.force_2d(frame.geometry.to_numpy()) if kinds <= {"LineString", "MultiLineString"} else []
+    line = shapely.line_merge(shapely.union_all(lines))  # no union of polygons, which fails if one crosses itself
+    if line.geom_type != "LineString" or line.is_empty:
+        held = f"holds {len(frame)} features ({', '.join(sorted(kinds))})"
+        raise ObservationError(f"{path}: {held}; a thalweg is one line without branches or gaps")
     if not shapely.intersects(line, shapely.box(*terrain.extent)):
         raise ObservationError(f"{path}: the thalweg does not meet {terrain.source}; check the coordinate system of both")
     points = shapely.get_coordinates(line)

@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     folder = (out or site.folder / "results") / FOLDER
     record = {"runout": __version__, "parameters": record_of(parameters), **figures, "places": [one.attributes() for one in places]}
     _write(folder, site, found, drained, way, places, record)
-    LOGGER.info("wrote %s; next: runout compare %s %s", folder, folder, site.folder)
+    LOGGER.info("wrote %s; next: runout compare %s %s", folder, *map(quote, (str(folder), str(site.folder))))
     return ExitCode.OK
 
 

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from runout.errors import StructureError
 from runout.model.terrain import Terrain
 from runout.structures.ground import elevation_at
 from runout.structures.lattice_distance import points_inside
 from runout.structures.solid import Solid, as_arrays, normals_and_areas
 
 DIAGONAL = 2.0**0.5  # longest edge of a piece, in cells: halves of a square cell
+MOST_PIECES = 5_000_000  # each takes some hundred bytes while they are measured
 BESIDE = 0.125  # cells of the grid within which a surface beside another body counts as covered by it
 
 
@@ -47,7 +49,16 @@ def bisected(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarra
 
     The longest edge is halved again and again (Rivara 1984): areas add up exactly, and no angle gets smaller than half of the
     smallest one of its triangle.
+
+    Raises
+    ------
+    StructureError
+        If there would be more than :data:`MOST_PIECES`.
     """
+    expected = 2.0 * float(normals_and_areas(corners)[1].sum()) / longest**2
+    if expected > MOST_PIECES:
+        told = f"its faces are cut into pieces of {longest:.3g} m, about {expected:.2g} of them, more than {MOST_PIECES:.2g}"
+        raise StructureError(f"structures: {told}; use a larger simulation.cell_size")
     parent, done, parents = np.arange(len(corners)), [], []
     while len(corners):
         lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -20,12 +19,13 @@ import numpy as np
 
 from runout.errors import RenderError
 from runout.interrupt import at_end
+from runout.lifetime import import_path, python_command
 from runout.view import software_gl
 from runout.view.renderer import PACKAGE_MISSING
 from runout.view.scene import FlowScene
 
 LOGGER = logging.getLogger(__name__)
-COMMAND = (sys.executable, "-m", "runout.view.renderer")
+RENDERER = "from runout.view.renderer import command; command()"
 START_SECONDS, FRAME_SECONDS = 120.0, 20.0  # time limit [s], and what each frame adds to it
 POLL_SECONDS = 0.2
 INSTALL = "pip install 'runout[view]'"
@@ -94,7 +94,7 @@ def _run(folder: Path, limit: float | None, progress: Callable[[float], None] | 
     started = time.monotonic()
     with open(folder / "messages.txt", "wb") as messages:
         streams = {"stdout": messages, "stderr": messages, "stdin": subprocess.DEVNULL}
-        process = subprocess.Popen([*COMMAND, str(folder)], env=_environment(folder), **streams)  # type: ignore[call-overload]
+        process = subprocess.Popen(python_command(RENDERER, str(folder)), env=_environment(folder), **streams)  # type: ignore[call-overload]
         with at_end(process.kill):
             try:
                 while True:
@@ -117,9 +117,7 @@ def _tell(folder: Path, progress: Callable[[float], None] | None, frames: int) -
 
 def _environment(folder: Path) -> dict[str, str]:
     """Environment in which the process finds this package and OpenGL."""
-    home, before = str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")
-    python_path = f"{home}{os.pathsep}{before}" if before else home
-    return {**os.environ, **software_gl.environment(folder), "PYTHONPATH": python_path}
+    return {**os.environ, **software_gl.environment(folder), "PYTHONPATH": import_path()}
 
 
 def _reason(folder: Path, code: int, task: str) -> str:

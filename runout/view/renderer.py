@@ -1,6 +1,6 @@
-"""The process that draws: ``python -m runout.view.renderer FOLDER``.
+"""The process that draws what the folder of its argument describes.
 
-FOLDER holds ``job.json`` (task and look) and ``scene.npz``; products go to its folder ``made``. A reason of failure goes to
+The folder holds ``job.json`` (task and look) and ``scene.npz``; products go to its folder ``made``. A reason of failure goes to
 ``reason.txt``. VTK may end this process instead, see :mod:`runout.view.process`.
 """
 
@@ -67,5 +67,7 @@ def _files(scene: FlowScene, look: dict[str, Any], made: Path) -> None:
 
 TASKS: dict[str, Callable[[FlowScene, dict[str, Any], Path], None]] = {"frames": _frames, "window": _window, "files": _files}
 
-if __name__ == "__main__":
+
+def command() -> None:
+    """Main function of the process."""
     sys.exit(main(Path(sys.argv[1])))

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
     from runout.scores.observations import Observations
 
-LARGEST_GROWTH = 10.0  # deposited over released volume, with bulking and entrainment
+LARGEST_GROWTH = 10.0  # deposited or eroded over released volume, with bulking and entrainment
+SMALLEST_SHARE = 0.01  # the same; less is a wrong unit, or a survey of a small part of the event
+SIDES = {"above": 1.0, "below": -1.0}
 NEAR_GROUND = 0.1  # of the values, by which half of them differ at most from the elevation of the ground
 SCORED = ("outline", "deposit", "difference", "gauges")
 
@@ -45,7 +47,7 @@ def warnings(site: "Site", observed: "Observations | None", terrain: "Terrain", 
 def _of_deposit(deposit: np.ndarray, terrain: "Terrain", releases: "Sequence[Release]") -> str | None:
     if not (np.nan_to_num(deposit) > 0).any():
         return "no cell has a deposit: all known values are 0; check the file, or remove the key"
-    return _of_rise(deposit, terrain, releases)
+    return _out_of_proportion(deposit, terrain, releases)
 
 
 def _of_change(change: np.ndarray, limit: float, terrain: "Terrain", releases: "Sequence[Release]") -> str | None:
@@ -53,21 +55,37 @@ def _of_change(change: np.ndarray, limit: float, terrain: "Terrain", releases: "
         largest = np.nanmax(np.abs(change), initial=0.0)
         than = f"the largest is {largest:.3g} m, the detection_limit {limit:g} m" if largest else "all known values are 0"
         return f"no cell shows a change: {than}; check the file and the limit, or remove the key"
-    return _of_rise(change, terrain, releases)
+    return _out_of_proportion(change, terrain, releases)
 
 
-def _of_rise(rise: np.ndarray, terrain: "Terrain", releases: "Sequence[Release]") -> str | None:
-    """What is wrong with heights [m] by which the ground rose: they are elevations, or more than any release can pile up."""
-    raised = np.nan_to_num(rise) > 0
-    known = raised & np.isfinite(terrain.elevation)
-    values, ground = rise[known], terrain.elevation[known]
-    if values.size and np.median(np.abs(values - ground)) <= NEAR_GROUND * np.median(values):
-        span = f"{values.min():.4g} to {values.max():.4g} m"
-        return f"its values of {span} are elevations, like those of {terrain.source}; subtract the ground before the event"
-    volume, released = float(rise[raised].sum()) * terrain.cell_area, sum(release.volume for release in releases)
-    if released and volume > LARGEST_GROWTH * released:
-        told = f"it holds {volume:.3g} m3 above the ground, {volume / released:.3g} times the release of {released:.3g} m3"
+def _out_of_proportion(change: np.ndarray, terrain: "Terrain", releases: "Sequence[Release]") -> str | None:
+    """What is wrong with a change of the ground [m]: it holds elevations, or much more or less than a release can move."""
+    elevations = _elevations(change, terrain)
+    if elevations:
+        return elevations
+    released = sum(release.volume for release in releases)
+    moved = {side: float(np.nan_to_num(np.maximum(sign * change, 0.0)).sum()) * terrain.cell_area for side, sign in SIDES.items()}
+    side, volume = max(moved.items(), key=lambda one: one[1])
+    if released and not SMALLEST_SHARE <= volume / released <= LARGEST_GROWTH:
+        only = "only " if volume < released else ""
+        told = f"it holds {only}{volume:.3g} m3 {side} the ground, {volume / released:.3g} times the release of {released:.3g} m3"
         return f"{told}; check its values, their unit and what marks cells without one"
+    largest, relief = float(np.nanmax(np.abs(change))), float(np.nanmax(terrain.elevation) - np.nanmin(terrain.elevation))
+    highest = relief + sum(float(release.thickness.max()) for release in releases)
+    if largest > highest:
+        told = f"its largest value is {largest:.3g} m, more than relief and release together ({highest:.3g} m)"
+        return f"{told}; check its unit and what marks cells without a value"
+    return None
+
+
+def _elevations(change: np.ndarray, terrain: "Terrain") -> str | None:
+    """Text about values of the size of the elevations of the ground, of either sign."""
+    for sign in SIDES.values():
+        known = (sign * np.nan_to_num(change) > 0) & np.isfinite(terrain.elevation)
+        values, ground = sign * change[known], terrain.elevation[known]
+        if values.size and np.median(np.abs(values - ground)) <= NEAR_GROUND * np.median(values):
+            span = "{:.4g} to {:.4g} m".format(*sorted((sign * values.min(), sign * values.max())))
+            return f"its values of {span} are elevations, like those of {terrain.source}; subtract the ground before the event"
     return None
 
 

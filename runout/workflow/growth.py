@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout import __version__
+from runout import source_code
 from runout.ensemble.design import member_table
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import EnsembleReport, run_ensemble
@@ -185,7 +185,7 @@ def measured(site: "Site", results: Path, members: "Sequence[Member]", valid: It
 def _key(site: "Site", members: "Sequence[Member]", failed: Sequence[int]) -> str:
     """Checksum of what the error of a size depends on."""
     without = [number for number in failed if number < len(members)]
-    return checksum([__version__, [member.key for member in members], without, _asked(site)])
+    return checksum([source_code.checksums().products, [member.key for member in members], without, _asked(site)])
 
 
 def _asked(site: "Site") -> tuple[dict[str, list[float]], list[dict[str, float]]]:

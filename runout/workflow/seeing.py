@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,7 +90,7 @@ def view(site_path: Path, out: Path | None, choices: Choices) -> None:
         If there is no display, no pyvista or no OpenGL.
     """
     if not _has_display():
-        raise RenderError(NO_DISPLAY.format(site=site_path))
+        raise RenderError(NO_DISPLAY.format(site=quote(str(site_path))))
     process.require_packages()
     scene = scene_of(site_path, out, choices)
     with process.folder_for_job() as folder:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from runout import __version__
+from runout import source_code
 from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.lock import locked_folder
@@ -29,9 +29,9 @@ def digest_files(paths: Iterable[Path]) -> str:
 
 
 def stage_key(stage: Stage, resolved: Mapping[str, Any], inputs: str, state: Any = None) -> str:
-    """Key of a stage: checksum of version, inputs, its sections of the configuration, and its initial state."""
+    """Key of a stage: checksum of the sources of runout, inputs, its sections of the configuration, and its initial state."""
     sections = {name: resolved.get(name) for name in stage.sections}
-    return checksum([__version__, stage.name, inputs, sections, state])
+    return checksum([source_code.checksums().products, stage.name, inputs, sections, state])
 
 
 class StageRecord:
@@ -58,7 +58,7 @@ class StageRecord:
         if entry.key is None:
             return "it was interrupted"
         if entry.key != key:
-            return "inputs, configuration or version changed"
+            return "inputs, configuration or sources of runout changed"
         faults = (f"{name} {fault}" for name, file in entry.files.items() if (fault := file.fault(self.results / name)))
         return next(faults, None)
 

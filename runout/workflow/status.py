@@ -2,6 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from runout.ensemble.status import State
@@ -31,7 +32,8 @@ def print_status(site_path: Path, out: Path | None = None) -> int:
     unused = study.unused
     if unused:
         size = sum(path.stat().st_size for path in unused)
-        console.print(f"{statement(len(unused), size)} are kept for other settings; `runout clean {site_path}` removes them")
+        remedy = f"`runout clean {quote(str(site_path))}` removes them"
+        console.print(f"{statement(len(unused), size)} are kept for other settings; {remedy}", markup=False)
     print_stages(console, study)
     return ExitCode.PARTIAL_ENSEMBLE if study.failed else ExitCode.OK
 

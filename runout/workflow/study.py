@@ -3,11 +3,13 @@
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
+from runout.io.places import require_own_results
 from runout.io.provenance import checksum
 from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
 
@@ -81,6 +83,7 @@ class Study:
     def of(cls, site: "Site", out: Path | None = None) -> "Study":
         """The study of a site; its results go to ``out``, or to ``results`` of the site."""
         results = Path(out) if out else site.folder / "results"
+        require_own_results(results)
         return cls(site.with_same_inputs(known=KnownFiles(results / "inputs.json")), results)
 
     @cached_property
@@ -204,7 +207,7 @@ class Study:
             first = next(iter(self.failed.items()), None)
             unfinished = f"no member is done ({self.standings[0].reason})"
             why = f"all {len(self.failed)} members failed; member {first[0]}: {first[1]}" if first else unfinished
-            remedy = "mend the cause" if first else f"run `runout ensemble {self.site.folder}` first"
+            remedy = "mend the cause" if first else f"run `runout ensemble {quote(str(self.site.folder))}` first"
             raise PartialEnsembleError(f"{self.results / 'members'}: {why}; {remedy}")
         return EnsembleReport(skipped=done, failed=self.failed, growth=self.growth.statement() if self.growth else "")
 
@@ -212,7 +215,7 @@ class Study:
         """Raise StorageError unless the hazard stage is up to date, so that maps and settings of a report agree."""
         reason = self.why_stale(next(stage for stage in PLAN if stage.name == "hazard"))
         if reason:
-            raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {self.site.folder}` first")
+            raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {quote(str(self.site.folder))}` first")
 
     def keep(self) -> None:
         """Keep for the next run what this one found out about inputs and members."""

@@ -25,6 +25,7 @@ from runout.ensemble.work import dealt, longest_first
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 from runout.io.lock import exclusive
+from runout.source_code import Checksums
 
 ANGLE = "basal_friction_angle_deg"
 
@@ -121,13 +122,13 @@ def test_changed_value_reruns_only_the_members_that_have_it(tmp_path):
     assert calls(place) == [0, 1, 2, 3, 4, 5, 6, 7, 33]
 
 
-@pytest.mark.parametrize("change", ["setting", "input", "seed", "version"])
+@pytest.mark.parametrize("change", ["setting", "input", "seed", "sources"])
 def test_change_that_matters_to_all_reruns_all(tmp_path, monkeypatch, change):
     run(site(tmp_path, members=2))
     if change == "input":
         (tmp_path / "dem.txt").write_text("1 2 4")
-    if change == "version":
-        monkeypatch.setattr("runout.ensemble.member.__version__", "99.0")
+    if change == "sources":
+        monkeypatch.setattr("runout.source_code.checksums", lambda: Checksums("other", "other"))
     place = site(tmp_path, members=2, **{"setting": {"cell_size": 10.0}, "seed": {"seed": 2}}.get(change, {}))
     assert all(one.reason == "not run yet with these inputs and settings" for one in standings(place, tmp_path / "results"))
     assert run(place).done == (0, 1)
@@ -368,7 +369,7 @@ def test_second_run_at_the_same_time_is_refused(tmp_path):
 def test_results_that_cannot_be_written_are_refused(tmp_path):
     place = site(tmp_path)
     (tmp_path / "results").write_text("a file in the way")
-    with pytest.raises(StorageError, match="choose another"):
+    with pytest.raises(ConfigError, match="results: is a file; name a folder"):
         run(place)
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from unittest import mock
 
 from odd_arrays import call_odd_array
+from odd_commands import call_odd_command
 from odd_sites import write_odd_site
 
 from runout.config import extent
@@ -23,7 +24,7 @@ from runout.workflow import plan, preview
 from runout.workflow.step_cost import StepCost
 
 LARGEST_DERIVED = 2_000_000  # cells that a site on a huge raster may need here, so that memory and time of a case are bounded
-LIMIT = 20  # [s] of a case; most take some hundredths
+LIMIT, WAITING_LIMIT = 30, 300  # [s] of processor time of a case, most of which take some hundredths, and of waiting
 
 
 class Overdue(BaseException):
@@ -54,6 +55,15 @@ def array_case(seed: int) -> tuple[str, Fault | None]:
     return _outcome(seed, "array", lambda: call_odd_array(seed))
 
 
+def command_case(seed: int) -> tuple[str, Fault | None]:
+    """A call of a command with odd options."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz"))
+    try:
+        return _outcome(seed, "command", lambda: call_odd_command(folder, seed))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def _outcome(seed: int, kind: str, act: Callable[[], object]) -> tuple[str, Fault | None]:
     try:
         with limited(), quiet() as said:
@@ -62,7 +72,7 @@ def _outcome(seed: int, kind: str, act: Callable[[], object]) -> tuple[str, Faul
         return ("refused", None) if str(error).strip() else ("fault", Fault(seed, kind, f"an empty {type(error).__name__}"))
     except (Exception, Overdue):  # noqa: BLE001 - this is what is looked for
         return "fault", Fault(seed, kind, traceback.format_exc(limit=-14))
-    if "Traceback" in said.getvalue():
+    if "Traceback" in said.getvalue() or "fault of runout" in said.getvalue():
         return "fault", Fault(seed, kind, said.getvalue())
     return ("refused" if code else "ready"), None
 
@@ -72,15 +82,19 @@ def limited() -> Iterator[None]:
     """A limit of time for what is called."""
 
     def overdue(*_: object) -> None:
-        raise Overdue(f"longer than {LIMIT} s")
+        raise Overdue(f"longer than {LIMIT} s of work, or {WAITING_LIMIT} s in all")
 
-    before = signal.signal(signal.SIGALRM, overdue)
-    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    timers = {signal.ITIMER_PROF: (signal.SIGPROF, LIMIT), signal.ITIMER_REAL: (signal.SIGALRM, WAITING_LIMIT)}
+    before = {number: signal.signal(number, overdue) for number, _ in timers.values()}
+    for timer, (_, seconds) in timers.items():
+        signal.setitimer(timer, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for timer in timers:
+            signal.setitimer(timer, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -101,7 +115,7 @@ def run(first: int, count: int, calibrated_every: int = 0) -> tuple[dict[str, in
     outcomes: dict[str, int] = {}
     faults = []
     for seed in range(first, first + count):
-        case = array_case if seed % 5 == 0 else site_case
+        case = array_case if seed % 5 == 0 else command_case if seed % 5 in (1, 2) else site_case
         real = calibrated_every and seed % calibrated_every == 0
         stored = mock.patch.object(plan, "step_cost", return_value=StepCost(1e-4, 3e-8))
         calibrated = contextlib.nullcontext() if real else stored

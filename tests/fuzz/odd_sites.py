@@ -49,6 +49,34 @@ ensemble:
 hazard: {thickness_thresholds: [0.1, 1], percentiles: [50]}
 budget: {hours: 100}
 """
+MORE = """\
+description: every block that a site may have
+metadata:
+  author: A. Name
+  purpose: fuzz
+structures:
+  - file: inputs/house.geojson
+    name: house
+    height: 5.0
+probes:
+  points: inputs/points.geojson
+  cross_sections: inputs/line.geojson
+  interval: 0.5
+stability:
+  cohesion: {distribution: uniform, low: 0, high: 4900}
+  friction_angle_deg: 35
+observations:
+  outline: {polygons: inputs/zone.geojson}
+  deposit: {raster: inputs/deposit.tif}
+  difference:
+    raster: inputs/difference.tif
+    detection_limit: 0.1
+  gauges:
+    points: inputs/points.geojson
+    speed: v
+  thalweg: {line: inputs/line.geojson}
+report: {stills: none}
+"""
 
 
 def square(west: float, south: float, side: float) -> list[list[float]]:
@@ -83,8 +111,8 @@ def write_tiff(path: Path, values: np.ndarray, transform: Any = None, crs: Any =
         file.write(bands)
 
 
-def write_good(folder: Path) -> None:
-    """A site without faults."""
+def write_good(folder: Path, *, full: bool = False) -> None:
+    """A site without faults; with all blocks if it is ``full``."""
     inputs = folder / "inputs"
     inputs.mkdir(parents=True)
     pile = np.zeros((ROWS, COLUMNS))
@@ -93,10 +121,31 @@ def write_good(folder: Path) -> None:
     write_tiff(inputs / "thickness.tif", pile)
     for name, ring in {"release": square(20, 20, 40), "dam": square(110, 20, 20), "zone": square(80, 10, 30)}.items():
         (inputs / f"{name}.geojson").write_text(json.dumps(features([ring])), encoding="utf-8")
-    (folder / "site.yaml").write_text(SITE, encoding="utf-8")
+    _write_more(inputs, pile)
+    (folder / "site.yaml").write_text(SITE + MORE * full, encoding="utf-8")
     (inputs / "empty").touch()
     os.mkfifo(inputs / "pipe")
     (inputs / "loop").symlink_to("loop")
+
+
+def _write_more(inputs: Path, pile: np.ndarray) -> None:
+    """Inputs of the blocks that few sites have."""
+    deposit = np.roll(pile, 4, axis=1)
+    write_tiff(inputs / "deposit.tif", deposit)
+    write_tiff(inputs / "difference.tif", deposit - pile)
+    line = {"type": "LineString", "coordinates": [[WEST + 30, SOUTH + 60], [WEST + 130, SOUTH + 60]]}
+    shapes: dict[str, list[dict[str, Any]]] = {
+        "house": [{"type": "Polygon", "coordinates": [square(110, 70, 20)]}],
+        "points": [{"type": "Point", "coordinates": [WEST + x, SOUTH + 60]} for x in (50, 90)],
+        "line": [line],
+    }
+    for name, geometries in shapes.items():
+        content = features([])
+        content["features"] = [
+            {"type": "Feature", "properties": {"name": f"{name} {k}", "v": 3.0}, "geometry": one}
+            for k, one in enumerate(geometries)
+        ]
+        (inputs / f"{name}.geojson").write_text(json.dumps(content), encoding="utf-8")
 
 
 def odd_yaml(folder: Path, random: Random) -> None:
@@ -105,7 +154,7 @@ def odd_yaml(folder: Path, random: Random) -> None:
     if random.random() < 0.1:
         file.write_bytes(mutated(file.read_bytes(), random))
         return
-    lines = SITE.splitlines()
+    lines = file.read_text(encoding="utf-8").splitlines()
     for _ in range(random.choice([1, 1, 1, 2, 3])):
         at = random.randrange(len(lines))
         key, colon, _ = lines[at].partition(": ")
@@ -170,7 +219,7 @@ def odd_transform(random: Random) -> tuple[float, ...]:
 
 def odd_raster(folder: Path, random: Random) -> None:
     """The elevation or the thickness in an odd form."""
-    path = folder / "inputs" / random.choice(["dem.tif", "dem.tif", "thickness.tif"])
+    path = folder / "inputs" / random.choice(["dem.tif", "dem.tif", "thickness.tif", "deposit.tif", "difference.tif"])
     kind = random.choice(["tiff"] * 5 + ["bytes", "bytes", "ascii", "netcdf", "vrt", "side"])
     rows, columns = (random.choice([1, 2, 3, 5, ROWS, COLUMNS, 40]) for _ in "ab")
     if random.random() < 0.5:
@@ -211,7 +260,7 @@ def _other_raster(path: Path, values: np.ndarray, kind: str, random: Random) -> 
             f'<SourceFilename relativeToVRT="1">{source}</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>'
         )
         other.write_bytes(mutated(text.encode(), random) if random.random() < 0.5 else text.encode())
-    site.write_text(SITE.replace(f"inputs/{name}", f"inputs/{other.name}"), encoding="utf-8")
+    site.write_text(site.read_text(encoding="utf-8").replace(f"inputs/{name}", f"inputs/{other.name}"), encoding="utf-8")
 
 
 def _write_netcdf(path: Path, values: np.ndarray, random: Random) -> None:
@@ -252,7 +301,7 @@ def odd_ring(random: Random) -> Any:
 
 def odd_vector(folder: Path, random: Random) -> None:
     """The release, the dam or the zones in an odd form."""
-    name = random.choice(["release", "release", "dam", "zone"])
+    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line"])
     path = folder / "inputs" / f"{name}.geojson"
     kind = random.choice(["rings"] * 4 + ["members"] * 3 + ["bytes", "format", "format", "crowd"])
     if kind == "rings":
@@ -336,7 +385,7 @@ def write_odd_site(folder: Path, seed: int) -> str:
     """Write the site of a seed; the kind of its fault."""
     random = Random(seed)
     kind = random.choice(OFTEN)
-    write_good(folder)
+    write_good(folder, full=random.random() < 0.5)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         KINDS[kind](folder, random)

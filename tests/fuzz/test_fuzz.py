@@ -1,4 +1,4 @@
-"""Odd site files, rasters, vectors and arrays through `runout check` and the Python interface: refused or read, never a fault.
+"""Odd site files, rasters, vectors, arrays, results and calls of every command: refused or read, never a fault.
 
 RUNOUT_FUZZ=N runs N cases from another seed on, each hundredth with its calibration: some minutes for some thousands.
 """
@@ -8,11 +8,16 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from random import Random
 
 import pytest
 from fuzz_cases import run
-from odd_sites import write_good, write_odd_site
+from odd_commands import odd_call
+from odd_sites import MORE, SITE, write_good, write_odd_site
+from ruamel.yaml import YAML
 
+from runout import cli
+from runout.config.schema import SiteSettings
 from runout.workflow.check import inspect
 
 PARTS, CASES = 5, 80  # five parts, so that workers of pytest share them
@@ -24,9 +29,16 @@ def told(faults) -> str:
     return "\n".join(f"--- seed {fault.seed} ({fault.kind})\n{fault.text}" for fault in faults)
 
 
-def test_the_site_that_is_made_odd_has_no_problem(tmp_path):
-    write_good(tmp_path / "site")
+@pytest.mark.parametrize("full", [False, True])
+def test_the_site_that_is_made_odd_has_no_problem(tmp_path, full):
+    write_good(tmp_path / "site", full=full)
     assert inspect(tmp_path / "site").problems == []
+
+
+def test_the_site_that_is_made_odd_has_every_block_and_every_command_is_called():
+    assert set(SiteSettings.model_fields) - set(YAML(typ="safe").load(SITE + MORE)) == {"basal_friction"}  # in place of the angle
+    called = {odd_call(Random(seed))[0] for seed in range(1000)}
+    assert {command.__name__.replace("_", "-") for command in cli.COMMANDS} <= called
 
 
 @pytest.mark.parametrize("part", range(PARTS))

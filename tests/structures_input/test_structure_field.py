@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from structure_bodies import body, box, distance_to_box, nodes
 
-from runout.errors import CapacityError
+from runout.errors import CapacityError, StructureError
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.pieces import bisected
@@ -141,3 +141,9 @@ def test_structures_tell_what_they_are_in_a_line_and_in_a_table(level):
     assert table.startswith("<table>")
     assert "<b>Structures</b>" in table
     assert "house &lt;4&gt; and 2 more" in table
+
+
+def test_more_pieces_than_memory_holds_are_refused_at_once():
+    corners = np.array([[[0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [0.0, 20.0, 0.0]]])
+    with pytest.raises(StructureError, match=r"about 4e\+08 of them, more than 5e\+06; use a larger simulation\.cell_size"):
+        bisected(corners, 0.001)

@@ -17,7 +17,7 @@ SMALL = {"size": (240, 160)}
 
 def instead(monkeypatch, code):
     """Let a process with this program take the place of the one that draws."""
-    monkeypatch.setattr(process, "COMMAND", (sys.executable, "-c", code))
+    monkeypatch.setattr(process, "RENDERER", code)
 
 
 def pixels(path):

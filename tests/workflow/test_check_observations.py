@@ -50,6 +50,27 @@ def test_a_deposit_that_cannot_be_one_gets_one_warning_with_its_place(tmp_path, 
     assert str(tmp_path) not in warning
 
 
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (FLAT + 1e6, "1.2e+11 m3 above the ground, 4.17e+06 times the release"),
+        (FLAT - 1e6, "1.2e+11 m3 below the ground, 4.17e+06 times the release"),
+        (laid(-41.0), "2.95e+05 m3 below the ground, 10.2 times the release"),
+        (laid(-900.0, slice(7, 8), slice(30, 31)), "its largest value is 900 m, more than relief and release together (149 m)"),
+        (np.where(np.arange(1200).reshape(24, 50) == 7, 2000.0, laid(1.0)), "its largest value is 2e+03 m, more than relief"),
+        (laid(0.501) * (np.arange(50) < 31), None),
+        ((laid(0.6) - laid(0.6, columns=slice(20, 21))) * (np.arange(24) == 7)[:, None], None),
+        (laid(0.6, slice(7, 8), slice(30, 33)), "it holds only 180 m3 above the ground, 0.00625 times the release of 2.88e+04 m3"),
+        (-laid(0.6, slice(7, 8), slice(30, 33)), "it holds only 180 m3 below the ground, 0.00625 times the release of 2.88e+04 m3"),
+        (-ramp() - 300.0, "its values of -441.5 to -300 m are elevations"),
+    ],
+)
+def test_a_difference_out_of_proportion_gets_a_warning_on_both_sides(tmp_path, values, said):
+    found = warned(tmp_path / "ramp", CHANGE, dod=values)
+    assert len(found) == (said is not None)
+    assert all(said in warning for warning in found)
+
+
 @pytest.mark.parametrize("values", [laid(4.0), laid(39.0), np.where(laid(1.0) > 0, 3.0, np.nan)])
 def test_a_deposit_that_a_release_can_leave_gets_none(tmp_path, values):
     assert warned(tmp_path / "ramp", DEPOSIT, deposit=values) == []

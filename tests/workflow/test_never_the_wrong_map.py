@@ -18,6 +18,7 @@ from ramp_site import SITE, member_file, slab, write_raster, write_site
 
 from runout import cli
 from runout.errors import ExitCode, InputError, StorageError
+from runout.hazard.exceedance import aggregate
 from runout.io.lock import exclusive
 from runout.workflow import hazard_map
 from runout.workflow.study import STAGES, Study
@@ -147,6 +148,12 @@ def test_an_ensemble_killed_at_a_member_ends_like_an_undisturbed_one(tmp_path, u
     assert_same(products(folder), undisturbed)
 
 
+def shift(file):
+    """Move the eastings by 1 km; nothing of HDF5 or of the compression finds that."""
+    with Dataset(file, "a") as content:
+        content["x"][:] = content["x"][:] + 1000.0
+
+
 def truncate(file):
     file.write_bytes(file.read_bytes()[:-1000])
 
@@ -181,6 +188,26 @@ def test_a_damaged_report_is_made_again(site, undisturbed):
     truncate(site / "results" / "report.html")
     assert hazard_map.run(site, workers=1).done == ("report",)
     assert_same(products(site), undisturbed)
+
+
+def test_a_member_with_damaged_coordinates_heals_where_the_record_is_lost(site, undisturbed, capsys):
+    shift(member_file(site, 2))
+    (site / "results" / "checksums.json").unlink()
+    assert cli.main(["status", str(site)]) == ExitCode.OK
+    assert "3 members done, 0 members failed, 1 members left" in capsys.readouterr().out
+    assert cli.main(["ensemble", str(site), "--workers", "1"]) == ExitCode.OK
+    assert "member 2: its file does not hold what was written; it is simulated again" in " ".join(capsys.readouterr().err.split())
+    hazard_map.run(site, stages=STAGES[:-1])
+    assert_same(products(site), undisturbed)
+
+
+def test_a_damaged_member_is_named_where_the_maps_are_made(site):
+    """Of files that are put together in Python, without a record."""
+    files = [member_file(site, number) for number in range(3)]
+    shift(files[1])
+    said = rf"{files[1].name}: its grid .* the file is damaged, remove it and run the ensemble again"
+    with pytest.raises(StorageError, match=said):
+        aggregate(files, [1, 1, 1], {"thickness": [0.1]}, [50.0])
 
 
 def test_a_damaged_member_heals_and_the_run_says_so(site, undisturbed, capsys):
@@ -230,7 +257,8 @@ def test_a_damaged_member_without_a_record_is_found(site, capsys):
 def test_a_report_is_never_made_of_maps_of_other_settings(site, capsys):
     (site / "site.yaml").write_text(OTHER)
     assert cli.main(["report", str(site)]) == ExitCode.FAILURE
-    assert "hazard.nc: inputs, configuration or version changed; run `runout hazard" in " ".join(capsys.readouterr().err.split())
+    said = " ".join(capsys.readouterr().err.split())
+    assert "hazard.nc: inputs, configuration or sources of runout changed; run `runout hazard" in said
     assert hazard_map.run(site, stages=("hazard",)).done == ("hazard",)
     (site / "site.yaml").write_text(SITE)
     assert Study.open(site).why_stale(hazard_map.PLAN[-1])

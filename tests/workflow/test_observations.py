@@ -13,7 +13,7 @@ from ramp_site import SITE, WEST, member_file, slab, write_raster, write_site
 
 import runout
 from runout import cli
-from runout.errors import ExitCode
+from runout.errors import ExitCode, ObservationError
 from runout.io.member_maps import read_maps
 from runout.scores.thalweg import Thalweg
 from runout.workflow import hazard_map
@@ -126,7 +126,7 @@ def test_files_are_recorded_and_make_the_maps_stale_and_not_the_members(observed
     finally:
         (folder / "inputs" / "deposit.tif").write_bytes(before)
     assert stale["terrain"] is stale["release"] is stale["ensemble"] is None
-    assert stale["hazard"] == stale["report"] == "inputs, configuration or version changed"
+    assert stale["hazard"] == stale["report"] == "inputs, configuration or sources of runout changed"
 
 
 def test_maps_and_layers_open_in_a_gis(observed_site):
@@ -224,6 +224,15 @@ def test_a_deposit_normal_to_the_slope_becomes_vertical(tmp_path):
     observed = site.observed.read(site.terrain())
     assert observed.deposit[12, 10] == pytest.approx(1 / np.cos(np.radians(30)))
     assert observed.deposit[12, 40] == pytest.approx(1.0)
+
+
+def test_polygons_that_cross_themselves_are_no_thalweg(tmp_path):
+    folder = write_site(tmp_path / "ramp", SITE + "observations: {thalweg: {line: inputs/thalweg.gpkg}}\n")
+    corners = [(WEST + x, NORTH - y) for x, y in ((0, 0), (90, 90), (90, 0), (0, 90))]
+    write_vector(folder / "inputs" / "thalweg.gpkg", [shapely.Polygon(corners), shapely.Polygon(corners[::-1])])
+    site = runout.read_site(folder)
+    with pytest.raises(ObservationError, match=r"holds 2 features \(Polygon\); a thalweg is one line"):
+        site.observed.read(site.terrain())
 
 
 def test_a_thalweg_drawn_uphill_is_turned_and_said_so(tmp_path):

@@ -10,7 +10,6 @@ import logging
 import os
 import pickle
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from types import ModuleType
 
 from runout.backends.compile import cache_root, source_key
 from runout.backends.scan.gradient_transfer import uses_gradient_transfer
-from runout.lifetime import import_path, interrupts_kept
+from runout.lifetime import import_path, interrupts_kept, python_command
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
@@ -76,7 +75,7 @@ def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
     job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, folder, os.getpid()))).decode()
     environment = {**os.environ, WARM_UP: job, "PYTHONPATH": import_path(), "RUNOUT_CACHE": str(cache_root().parent)}
     kernels = ("warm_up", "warm_up_ahead")[: len(os.sched_getaffinity(0))]
-    commands = [[sys.executable, "-P", "-c", f"from {__package__}.warm_up import {name}; {name}()"] for name in kernels]
+    commands = [python_command(f"from {__package__}.warm_up import {name}; {name}()") for name in kernels]
     with interrupts_kept():
         process, *others = [subprocess.Popen(c, env=environment, stdout=PIPE, stderr=PIPE, text=True) for c in commands]
     said, failures = _ended(process, others)

@@ -1,0 +1,84 @@
+"""Opens files of runout's own folders, which are regular files and no links, so that nothing is written or read elsewhere."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+KINDS = {
+    stat.S_IFLNK: "a link",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+WRITTEN_BY_ALL = "can be written by every user"
+NOT_REGULAR = errno.ELOOP  # error number of what is no regular file; that of the system for a link
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)  # O_NONBLOCK: for pipes
+
+
+def open_regular(path: str | os.PathLike[str], flags: int) -> int:
+    """Descriptor of a regular file, opened with flags of :func:`os.open`; a link is not followed, and a pipe is not waited for.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened. The number is :data:`NOT_REGULAR` where there is a link, a pipe, a device or a socket.
+    """
+    if os.name != "posix" and os.path.islink(path):
+        raise OSError(NOT_REGULAR, os.strerror(NOT_REGULAR), str(path))
+    try:
+        descriptor = os.open(path, flags | _NO_LINK, 0o666)
+    except OSError as cause:
+        if cause.errno in (errno.ENXIO, errno.EMLINK):  # a pipe that nobody reads, or a socket; a link on BSD
+            raise OSError(NOT_REGULAR, os.strerror(NOT_REGULAR), str(path)) from cause
+        raise
+    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return descriptor
+    os.close(descriptor)
+    raise OSError(NOT_REGULAR, os.strerror(NOT_REGULAR), str(path))
+
+
+def read_regular(path: str | os.PathLike[str]) -> bytes:
+    """Content of a regular file; OSError as of :func:`open_regular`."""
+    with open(open_regular(path, os.O_RDONLY), "rb") as file:
+        return file.read()
+
+
+def irregular(folder: Path) -> list[tuple[Path, str]]:
+    """Links, pipes, devices and sockets in a folder and its subfolders, sorted, each with its kind; links are not followed."""
+    found, waiting = [], [os.fspath(folder)]
+    while waiting:
+        try:
+            with os.scandir(waiting.pop()) as entries:
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(entry.path)
+                    elif not entry.is_file(follow_symlinks=False):
+                        found.append((Path(entry.path), kind_of(Path(entry.path)) or "no regular file"))
+        except OSError:  # it cannot be read, or was removed meanwhile; the first access reports it
+            continue
+    return sorted(found)
+
+
+def kind_of(path: Path) -> str | None:
+    """Kind of a link or special file; None for regular files, folders and what is missing."""
+    try:
+        return KINDS.get(stat.S_IFMT(path.lstat().st_mode))
+    except (OSError, ValueError):
+        return None
+
+
+def belongs_to_other(status: os.stat_result) -> bool:
+    """Whether a file or folder belongs to another user than this one or root; never for root, nor on systems without owners."""
+    return hasattr(os, "geteuid") and os.geteuid() != 0 and status.st_uid not in (os.geteuid(), 0)
+
+
+def every_user_writes(status: os.stat_result) -> bool:
+    """Whether every user of the machine may write a file or folder."""
+    return os.name == "posix" and bool(status.st_mode & stat.S_IWOTH)
+
+
+def fault_of_owner(status: os.stat_result) -> str:
+    """Why a file or folder is not safe from other users; empty if it is."""
+    return "belongs to another user" if belongs_to_other(status) else WRITTEN_BY_ALL if every_user_writes(status) else ""
