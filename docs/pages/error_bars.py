@@ -11,7 +11,7 @@ from runout.studies.convergence import COARSER
 
 FILE = "error_bars.json"
 COLUMNS = (
-    *("site", "friction", "cells", "quantity", "fine", "trend", "scatter", "error", "relative_error"),
+    *("site", "friction", "cells", "held_out", "quantity", "fine", "trend", "scatter", "error", "relative_error"),
     *("truth", "difference", "noise", "holds"),
 )
 HEADS = ("", "bars that hold", "", "median bar", "median difference", "ratio")
@@ -29,6 +29,8 @@ between equal grids. The option `--constants` of the study prints the coverage w
 
 **{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
 that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
+Of the cases by which no constant of a bar was chosen ({outside}), {held_outside} of {count_outside} bars hold
+({part_outside:.0f} %), and the median bar is {ratio_outside:.1f} times the median difference.
 
 ![Difference from the value of the fine grid against the bar](error_bars.png)
 
@@ -76,6 +78,7 @@ def coverage(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 def page(content: Mapping[str, Any]) -> StudyPage:
     """The page of a record of ``tests/benchmarks/error_bar_coverage.py``."""
     cases, versions, machine, found = content["cases"], content["versions"], content["machine"], coverage(content["cases"])
+    outside = [case for case in cases if case["held_out"]] or cases
     text = OPENING.format(
         runs=len(COARSER) + 1,
         coarser=", ".join(f"{ratio:g}" for ratio in sorted(set(COARSER))),
@@ -89,6 +92,11 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         count=len(cases),
         part=100 * found["holds"],
         ratio=found["ratio"],
+        outside=", ".join(f"{name} {_angles(some)} deg" for name, some in _groups(outside, "site").items()),
+        held_outside=sum(case["holds"] for case in outside),
+        count_outside=len(outside),
+        part_outside=100 * coverage(outside)["holds"],
+        ratio_outside=coverage(outside)["ratio"],
         cells=" to ".join(f"{limit(case['cells'] for case in cases):g}" for limit in (min, max)),
         quantities=_table(cases, "quantity", "title"),
         sites=_table(cases, "site", "site"),
@@ -103,6 +111,10 @@ def page(content: Mapping[str, Any]) -> StudyPage:
     )
     table = as_csv(COLUMNS, ([case[name] for name in COLUMNS] for case in cases))
     return StudyPage("error_bars", text, {"error_bars.csv": table}, {"error_bars.png": _figure(cases)})
+
+
+def _angles(cases: Sequence[Mapping[str, Any]]) -> str:
+    return ", ".join(f"{angle:g}" for angle in sorted({case["friction"] for case in cases}))
 
 
 def _presets(expected: Mapping[str, float]) -> Iterator[tuple[str, ...]]:

@@ -37,7 +37,12 @@ from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
 from runout.studies.map_distance import relative_l1
 
 SITES = Path(__file__).parents[2] / "sites"
-CASES = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]
+CHOSEN_BY = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]
+HELD_OUT = (
+    *("jacksboro:12.3,17.7", "frank_slide:9.5,14.5,20", "cascades_2021:11.5,14.5,17.5", "made:13.5,16,20.5"),
+    "avakot:17,22",
+)  # by which no constant was chosen
+CASES = (*CHOSEN_BY, *HELD_OUT)
 SMALL = ("jacksboro:15",)
 CELLS, TRUTH = (1.0, 1.22, 1.5, 1.83, 2.25), 4.5  # through the mean thickness of the release
 SMALL_CELLS, SMALL_TRUTH = (0.6, 0.75), 1.5
@@ -105,11 +110,12 @@ def engines(plans: Mapping[Any, Sequence[Task]], folder: Path) -> str:
 
 @cache
 def problem(site: str, friction: float) -> tuple[dict[str, Any], Sequence[float]]:
-    """Arguments of ``runout.simulate`` and thresholds of thickness [m]; "made", a name below sites or the path of a site."""
+    """Arguments of ``runout.simulate`` and thresholds of thickness [m]; "made", "avakot", a site by name or by path."""
     from runout import log, read_site
 
-    if site == "made":
-        return {**made_site(), "basal_friction_angle": friction, "seed": 0}, (0.5, 1.0, 2.0, 5.0)
+    if site in ("made", "avakot"):
+        arguments = made_site() if site == "made" else avakot_site()
+        return {**arguments, "basal_friction_angle": friction, "seed": 0}, (0.5, 1.0, 2.0, 5.0)
     with log.muted():
         known = read_site(SITES / site if (SITES / site).is_dir() else Path(site))
         arguments = known.member_arguments({"basal_friction_angle_deg": friction})
@@ -133,6 +139,16 @@ def made_site() -> dict[str, Any]:
     thickness = np.zeros(row.shape)
     thickness[110:150, 20:60] = 15.0
     release = runout.Release.from_array(thickness, terrain, placement="on_surface")
+    return {"terrain": terrain, "release": [release], "material": runout.DruckerPrager(density=2000.0, friction_angle=32.0)}
+
+
+def avakot_site() -> dict[str, Any]:
+    """12 m of rock on the terrain of AvaFrame's avaKot (5 m), with the outline of its release; RUNOUT_DATA holds both."""
+    import runout
+
+    inputs = Path(os.environ["RUNOUT_DATA"]) / "avaframe" / "avaKot" / "Inputs"
+    terrain = runout.Terrain.from_raster(inputs / "avaKot.asc")
+    release = runout.Release.from_vector(inputs / "REL" / "relKot.shp", terrain, thickness=12.0)
     return {"terrain": terrain, "release": [release], "material": runout.DruckerPrager(density=2000.0, friction_angle=32.0)}
 
 
@@ -169,7 +185,13 @@ def cases_of(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: fl
             true = [finished(task, folder) for task in plans[site, friction, truth]]
             runs = [finished(task, folder) for task in each]
             for case in judged(runs, true):
-                yield {"site": Path(site).name, "friction": friction, "cells": cells, **case}
+                held_out = friction not in angles_of(CHOSEN_BY, site)
+                yield {"site": Path(site).name, "friction": friction, "cells": cells, "held_out": held_out, **case}
+
+
+def angles_of(cases: Sequence[str], site: str) -> tuple[float, ...]:
+    """Friction angles [deg] of a site among cases."""
+    return tuple(float(angle) for case in cases if case.startswith(f"{site}:") for angle in case.split(":")[1].split(","))
 
 
 def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
@@ -217,6 +239,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
         **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time")},
         "seconds": {"runs": round(seconds), "wall": round(wall)},
         "coverage": coverage(cases),
+        "coverage_held_out": coverage([case for case in cases if case["held_out"]] or cases),
         "expected": expected_errors(cases),
         "cases": list(cases),
     }
@@ -230,7 +253,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--backend", default="scan")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--small", action="store_true", help="one coarse case, for CI")
-    parser.add_argument("--cases", nargs="+", help="SITE:ANGLE,ANGLE with made, a name below sites/ or the path of a site")
+    parser.add_argument("--cases", nargs="+", help="SITE:ANGLE,ANGLE with made, avakot, a name below sites/ or the path of a site")
     parser.add_argument("--cells", nargs="+", type=float, help="cells through the mean thickness, one case each")
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
     parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")

@@ -162,23 +162,27 @@ def test_problems_that_are_not_there_are_named():
 PUBLISHED = json.loads((Path(__file__).parents[1] / "benchmarks" / "records" / "work_precision.json").read_text())
 
 
+SOFTER = {"waves 3 times the flow", "strain by weight 3 %"}  # than dams and slopes near equilibrium allow: decision 12
+RANKING = 1.5  # errors of the coarsest over those of the finest grid; below it the grid hardly counts (F3: 1.2)
+
+
 def test_no_choice_of_the_published_study_is_as_cheap_as_the_defaults_on_every_problem_that_ranks():
     ranking = [p["cost_at_equal_error"] for p in PUBLISHED["problems"] if p["name"] not in ("T1", "T5")]
-    names = {name for costs in ranking for name in costs} - {BASE.name, "hash on the CPU"}
+    names = {name for costs in ranking for name in costs} - {BASE.name, "hash on the CPU"} - SOFTER
     assert len(names) > 12
     for name in names:
         found = [costs[name]["seconds"] for costs in ranking if "seconds" in costs.get(name, {})]
         assert not found or max(found) > 1.05, name  # none: never as accurate
 
 
-SOFTER = {"waves 3 times the flow", "strain by weight 3 %"}  # than dams and slopes near equilibrium allow: decision 12
-
-
-def test_defaults_lie_on_the_published_front_of_every_problem():
+def test_defaults_lie_on_the_published_front_of_every_problem_that_ranks():
     """By processor time or by work, among all choices but those softer than the defaults."""
     assert len(PUBLISHED["problems"]) == len(PROBLEMS)
     assert {p["name"] for p in PUBLISHED["problems"]} == {p.name for p in PROBLEMS.values()}
     for problem in PUBLISHED["problems"]:
+        errors = next([p["error"] for p in c["points"]] for c in problem["curves"] if c["variation"] == BASE.name)
+        if max(errors) < RANKING * min(errors):
+            continue
         curves = {c["variation"]: c["points"] for c in problem["curves"] if c["variation"] not in SOFTER}
         assert any(any(on_front(curves, cost)[BASE.name]) for cost in ("seconds", "particle_steps")), problem["name"]
 

@@ -84,7 +84,10 @@ def test_recorded_bars_are_true_and_tight():
     """Nine of ten bars hold or more, and not all do; the median bar is at most three times the median difference."""
     record = json.loads(RECORD.read_text())
     cases = record["cases"]
-    assert {"jacksboro", "frank_slide", "cascades_2021", "made"} == {case["site"] for case in cases}
+    assert {"jacksboro", "frank_slide", "cascades_2021", "made", "avakot"} == {case["site"] for case in cases}
+    outside = [case for case in cases if case["held_out"]]
+    assert record["coverage_held_out"] == pytest.approx(coverage(outside))
+    assert coverage(outside)["holds"] >= 0.85
     assert [case["holds"] for case in cases] == [case["difference"] * abs(case["fine"] or 1.0) <= case["error"] for case in cases]
     found = coverage(cases)
     assert record["coverage"] == pytest.approx(found)
