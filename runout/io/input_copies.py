@@ -1,7 +1,7 @@
 """Copies an input with all files that its content depends on. The copy is read and compared with the original.
 
 Files that share the name of the input are renamed with it. Where a name is part of the content (SRTM, parts of an ESRI grid), they
-keep their names in a folder of their own. A virtual raster becomes a GeoTIFF, so that the copy refers to no other file.
+keep their names in a folder of their own. The sources of a virtual raster are copied to a folder beside its copy, which names them.
 """
 
 import errno
@@ -20,7 +20,7 @@ import numpy as np
 
 from runout.errors import InputError
 from runout.io.opening import NETCDF, open_raster, open_vector
-from runout.io.references import header, is_vrt
+from runout.io.references import SOURCES, header, is_vrt
 from runout.io.side_files import NOT_YET_WRITTEN_BACK, OVERVIEWS, files_of
 from runout.io.source_kinds import SQLITE, file_in, with_file
 from runout.io.window import LARGEST_WHOLE
@@ -29,7 +29,6 @@ CELLS_AT_ONCE = 2**20  # cells of two rasters that are compared at once
 MOST_COMPARED = 2**24  # cells; of a larger raster evenly spaced rows are compared, since its files are compared as well
 SAME_CORNER = 1e-9  # difference of two corners in cells; a file format may round the last digits
 LOCKS = (*NOT_YET_WRITTEN_BACK, "-shm", ".lock")  # files of a program that has the input open
-GEOTIFF = {"driver": "GTiff", "tiled": True, "compress": "deflate", "bigtiff": "if_safer"}
 
 Plan = dict[Path, str]  # files and the names of their copies
 
@@ -55,7 +54,7 @@ def copy_raster(source: str, folder: Path, stem: str) -> str:
     """
     path = Path(file_in(source))
     if path.is_file() and is_vrt(path):
-        return _as_geotiff(source, folder, stem)
+        return _copied_virtual(path, folder, stem)
     return _copied(source, folder, stem, raster_difference)
 
 
@@ -177,30 +176,32 @@ def _copy_database(source: Path, target: Path) -> None:
         raise InputError(f"{source}: cannot be copied ({cause}); {remedy}") from cause
 
 
-def _as_geotiff(source: str, folder: Path, stem: str) -> str:
-    """Name of a GeoTIFF with the cells of a virtual raster."""
-    import rasterio.shutil
-    from rasterio import Env
-    from rasterio.errors import RasterioError
+def _copied_virtual(path: Path, folder: Path, stem: str) -> str:
+    """Name of a copy of a virtual raster whose sources are copies in the folder ``stem`` beside it."""
+    from xml.etree import ElementTree
 
-    target = folder / f"{stem}.tif"
-    with open_raster(source, InputError) as dataset:
+    with open_raster(path, InputError) as dataset:  # refuses what is no plain copy of bands of files in its folder
         rows, columns = dataset.shape
-        if rows * columns > LARGEST_WHOLE:
-            size = f"the VRT has {columns} x {rows} cells, more than are written as GeoTIFF for a site ({LARGEST_WHOLE:,})"
-            remedy = f"cut it: `gdal_translate -projwin WEST NORTH EAST SOUTH {source} cropped.tif`"
-            raise InputError(f"{source}: {size}; {remedy}")
-        needed = rows * columns * sum(np.dtype(kind).itemsize for kind in dataset.dtypes)
-        with Env(GDAL_TIFF_INTERNAL_MASK=True):
-            try:
-                rasterio.shutil.copy(dataset, target, **GEOTIFF)
-            except RasterioError as cause:
-                if shutil.disk_usage(folder).free < needed:
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target)) from cause
-                raise InputError(f"{source}: the VRT cannot be written as GeoTIFF ({cause}); use `gdal_translate`") from cause
-    reason = raster_difference(source, str(target))
+    if rows * columns > LARGEST_WHOLE:
+        size = f"the VRT has {columns} x {rows} cells, more than are copied for a site ({LARGEST_WHOLE:,})"
+        remedy = f"cut it: `gdal_translate -projwin WEST NORTH EAST SOUTH {path} cropped.tif`"
+        raise InputError(f"{path}: {size}; {remedy}")
+    (folder / stem).mkdir()
+    tree, copies = ElementTree.parse(path), dict[Path, str]()
+    for element in (element for element in tree.iter() if element.tag in SOURCES):
+        relative = element.get("relativeToVRT", "0").strip() == "1"
+        source = Path(os.path.abspath(path.parent / str(element.text) if relative else str(element.text)))
+        if source not in copies:
+            copies[source] = f"{stem}/{copy_raster(str(source), folder / stem, str(len(copies) + 1))}"
+        element.text = copies[source]
+        element.set("relativeToVRT", "1")
+    target = folder / f"{stem}.vrt"
+    tree.write(target, encoding="utf-8")
+    for side in (file for file in files_of(path) if file.parent == path.parent and file.name.startswith(f"{path.name}.")):
+        _copy_file(side, folder / f"{target.name}{side.name[len(path.name) :]}")
+    reason = raster_difference(str(path), str(target))
     if reason:
-        raise InputError(f"{source}: the GeoTIFF of the VRT has other {reason}; use `gdal_translate` and name its outcome")
+        raise InputError(f"{path}: the copy of the VRT has other {reason}; write it as GeoTIFF with `gdal_translate` and name that")
     return target.name
 
 

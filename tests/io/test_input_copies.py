@@ -178,31 +178,38 @@ def test_a_file_whose_path_is_a_letter_of_its_prefix_is_found(tmp_path, monkeypa
     np.testing.assert_array_equal(Terrain.from_raster('NETCDF:"C":elevation').elevation, Z)
 
 
-def test_the_copy_of_a_virtual_raster_refers_to_no_file(tmp_path, target):
-    assert copy_raster(str(virtual(tmp_path)), target, "dem") == "dem.tif"
-    with open_raster(target / "dem.tif", InputError) as copy:
-        assert copy.files == [str(target / "dem.tif")]
+def test_the_copy_of_a_virtual_raster_names_copies_of_its_sources(tmp_path, target):
+    assert copy_raster(str(virtual_of_a_virtual(tmp_path)), target, "dem") == "dem.vrt"
+    with open_raster(target / "dem.vrt", InputError) as copy:
+        assert copy.files == [str(target / "dem.vrt"), str(target / "dem" / "1.vrt")]
+    assert (target / "dem" / "1" / "1.tif").is_file()
+
+
+def test_tiles_of_a_virtual_raster_keep_their_masks(tmp_path, target):
+    (tmp_path / "tiles").mkdir()
+    with_mask(tmp_path / "tiles").rename(tmp_path / "tiles" / "a.tif")
+    mask = next((tmp_path / "tiles").glob("*.msk"))
+    mask.rename(mask.with_name("a.tif.msk"))
+    text = (
+        '<VRTDataset rasterXSize="30" rasterYSize="20"><SRS>EPSG:32632</SRS><GeoTransform>500000,10,0,5000200,0,-10</GeoTransform>'
+    )
+    band = '<SimpleSource><SourceFilename relativeToVRT="1">tiles/a.tif</SourceFilename><SourceBand>{}</SourceBand></SimpleSource>'
+    bands = f'<VRTRasterBand dataType="Float32" band="1">{band.format(1)}</VRTRasterBand><MaskBand><VRTRasterBand dataType="Byte">'
+    (tmp_path / "g.vrt").write_text(f"{text}{bands}{band.format('mask,1')}</VRTRasterBand></MaskBand></VRTDataset>")
+    name = copy_raster(str(tmp_path / "g.vrt"), target, "dem")
+    assert (target / "dem" / "1.tif.msk").is_file()
+    with open_raster(target / name, InputError) as copy, open_raster(tmp_path / "g.vrt", InputError) as original:
+        masks = [np.ma.getmaskarray(raster.read(1, masked=True)) for raster in (copy, original)]
+    assert masks[0].any()
+    np.testing.assert_array_equal(*masks)
 
 
 def test_a_virtual_raster_of_a_nation_is_cut_by_the_user(tmp_path, target):
     path = virtual(tmp_path)
     path.write_text(path.read_text().replace('rasterXSize="30" rasterYSize="20"', 'rasterXSize="200000" rasterYSize="100000"'))
-    with pytest.raises(InputError, match=r"has 200000 x 100000 cells, more than are written .*; cut it: `gdal_translate -projwin"):
+    with pytest.raises(InputError, match=r"has 200000 x 100000 cells, more than are copied .*; cut it: `gdal_translate -projwin"):
         copy_raster(str(path), target, "dem")
     assert not list(target.iterdir())
-
-
-def test_a_full_disk_is_an_error_of_the_disk(tmp_path, target, monkeypatch):
-    def full(*_, **__):
-        raise rasterio.errors.RasterioIOError("write failed")
-
-    path = virtual(tmp_path)
-    monkeypatch.setattr(rasterio.shutil, "copy", full)
-    with pytest.raises(InputError, match="cannot be written as GeoTIFF"):
-        copy_raster(str(path), target, "dem")
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
-    with pytest.raises(OSError, match="No space left"):
-        copy_raster(str(path), target, "dem")
 
 
 def test_a_virtual_raster_with_a_source_elsewhere_is_refused(tmp_path, target):
