@@ -228,7 +228,8 @@ def in_unit_of(raster: ElevationRaster, quantity: Quantity) -> ElevationRaster:
     if unit is None and quantity is ELEVATION and raster.crs is not None and _is_not_in_metres(raster.crs):
         remedy = "state it, for example `gdal_edit.py -units ft` (or us-ft, or m)"
         map_unit = coordinate_systems.horizontal(raster.crs).axis_info[0].unit_name
-        reason = f"the map is in {map_unit} ({raster.crs.name}) and the unit of the {quantity.values} is not stated"
+        named = "" if raster.crs.name == "unknown" else f" ({raster.crs.name})"
+        reason = f"the map is in {map_unit}{named} and the unit of the {quantity.values} is not stated"
         raise quantity.error(f"{raster.source}: {reason}; {remedy}")
     if factor == 1.0:
         return raster
