@@ -101,7 +101,7 @@ def probe_settings(
     Raises
     ------
     ConfigError
-        If a file does not exist, or the interval is not above 0.
+        If a file does not exist, a layer has no file, or the interval is not above 0.
     """
     from runout.config.read import nearest_file
 
@@ -111,6 +111,10 @@ def probe_settings(
             near = nearest_file(path)
             fix = f"did you mean {near}?" if near else "check the path"
             problems.append(Problem(str(path), None, "", "there is no such file", fix))
+    for option, layer, path in (("points", points_layer, points), ("cross-sections", cross_sections_layer, cross_sections)):
+        if layer is not None and path is None:
+            fix = f"name the file with --{option}, or leave the layer out"
+            problems.append(Problem("probe", None, f"--{option}-layer", f"{layer[:80]!r} without a file", fix))
     if interval is not None and not interval > 0:
         problems.append(Problem("probe", None, "--interval", f"{interval:g} s; it must be above 0", "leave it out for the default"))
     if problems:

@@ -13,9 +13,9 @@ def member_range(text: str, members: int) -> range:
     ConfigError
         If it is no range, holds no member, or reaches beyond the ``members`` of the ensemble.
     """
-    stated = re.fullmatch(r"(\d*)(:?)(\d*)", text.strip(), re.ASCII)
+    stated = re.fullmatch(r"(\d{0,9})(:?)(\d{0,9})", text.strip(), re.ASCII)
     if not stated or not any(stated.group(1, 3)):
-        raise ConfigError(f"--members {text}: this is no range; state first:end, such as 0:100 for the members 0 to 99")
+        raise ConfigError(f"--members {text[:80]}: this is no range; state first:end, such as 0:100 for the members 0 to 99")
     first = int(stated[1] or 0)
     end = int(stated[3] or members) if stated[2] else first + 1
     if not first < end <= members:

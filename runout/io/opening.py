@@ -193,6 +193,15 @@ def open_netcdf(name: Path | str, error: type[InputError], group: str | None = N
         raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
 
 
+@contextmanager
+def open_groups(name: Path | str) -> Iterator[Any]:
+    """Open netCDF4 dataset with all groups of a file that :func:`open_netcdf` has opened before."""
+    import netCDF4
+
+    with netCDF4.Dataset(name) as file:
+        yield file
+
+
 @dataclass(frozen=True)
 class VectorFile:
     """A vector file that has passed the checks.

@@ -214,7 +214,7 @@ def _without_slivers(path: Path, geometry: np.ndarray, least: float) -> tuple[np
     parts, row = shapely.get_parts(geometry, return_index=True)
     small = shapely.area(parts) < least
     hull = shapely.area(shapely.convex_hull(parts[small]))  # the lobes of a ring that crosses itself take off from each other
-    small[small] = shapely.is_valid(parts[small]) | (hull < least)
+    small[small] = shapely.is_valid(parts[small]) | ((hull > 0) & (hull < least))
     if not small.any() or small.all():
         return geometry, ()
     kept = geometry.copy()

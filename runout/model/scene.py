@@ -13,7 +13,7 @@ from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
 from runout.model.laws import Law, law_of
-from runout.model.limits import LARGEST_CFL, checked, checked_coefficient, is_number
+from runout.model.limits import LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
 from runout.model.structures import StructureField
@@ -126,9 +126,6 @@ class Scene:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):
             raise ConfigError(f"{len(self.friction)} friction coefficients for {len(self.materials)} releases")
-        for number, friction in enumerate(self.friction):
-            if not isinstance(friction, BasalFriction):
-                checked_coefficient(friction, f"friction of release {number}", error=ConfigError)
         if len(self.strength) not in (0, len(self.materials)):
             raise ConfigError(f"{len(self.strength)} strengths for {len(self.materials)} releases; give one each, or none")
         zones, raster = self.friction_zones, self.raster

@@ -15,7 +15,7 @@ import numpy as np
 from runout.errors import DemError
 from runout.io.cf_grid import directions, grid_of, is_position, with_axes
 from runout.io.elevation_raster import ElevationRaster, Header
-from runout.io.opening import PARTS, open_netcdf
+from runout.io.opening import PARTS, open_groups, open_netcdf
 from runout.io.window import Bounds
 
 GROUND = (  # standard names
@@ -263,7 +263,6 @@ def _described(variables: Sequence[Any]) -> str:
 
 def _of_groups(text: str) -> str:
     """Names of the two-dimensional variables of groups, for a message."""
-    import netCDF4
 
     def walk(group: Any) -> Iterator[str]:
         for child in group.groups.values():
@@ -271,7 +270,7 @@ def _of_groups(text: str) -> str:
             yield from (f"{child.path}/{v.name}" for v in flat)
             yield from walk(child)
 
-    with netCDF4.Dataset(text) as file:
+    with open_groups(text) as file:
         names = list(walk(file))
     return f"; groups hold {', '.join(names[:MOST_LISTED])}" if names else ""
 

@@ -248,13 +248,15 @@ def _forecast_depth(found: Findings, site: "Site") -> None:
 
 def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
     """Warn of obstacles narrower than two cells of the grid, and of dams lower than one."""
+    if not site.settings.terrain.obstacles:
+        return
     from runout.config.fetch import locate
     from runout.structures.inspection import LOW
     from runout.terrain.obstacles import narrowest, obstacle_parts
 
     spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3) if found.releases else np.zeros(3)
     cell = max(*spacing[:2], *terrain.cell_size)
-    for obstacle in site.settings.terrain.obstacles or []:
+    for obstacle in site.settings.terrain.obstacles:
         path = Path(locate(obstacle.polygons, site.folder))
         heights = [height for _, height in obstacle_parts(terrain, path, obstacle.height, obstacle.layer) if height > 0]
         if heights and min(heights) < spacing[2]:

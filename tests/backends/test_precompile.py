@@ -99,7 +99,7 @@ def test_kernels_are_compiled_anew_for_other_sources_and_not_for_another_place_o
 
 def test_without_a_process_to_compile_in_kernels_are_compiled_where_they_run(monkeypatch, tmp_path):
     monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(precompile.sys, "executable", str(tmp_path / "none"))
+    monkeypatch.setattr(precompile, "python_command", lambda code: [str(tmp_path / "none"), code])
     precompile.ensure_compiled(scene(materials=(SAND,)), (precompile,))
     assert not list(tmp_path.glob("*.done"))
 

@@ -1,3 +1,4 @@
+import gc
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -139,6 +140,8 @@ def test_writing_leaves_the_dataset_in_memory_as_it_was(terrain: Terrain, maps: 
 
 
 def test_many_threads_can_write_and_read_at_once(terrain: Terrain, maps: dict, tmp_path: Path) -> None:
+    gc.collect()  # files that earlier tests left open would be closed by any thread, without the lock
+
     def write_and_read(number: int) -> float:
         dataset = netcdf.map_dataset(terrain, {"max_speed": np.full(terrain.shape, number)}, title="t")
         return float(netcdf.read(netcdf.write(dataset, tmp_path / f"{number}.nc"))["max_speed"].mean())

@@ -238,9 +238,10 @@ def test_ring_that_does_not_close_is_refused(tmp_path, terrain):
     refused(path, terrain)
 
 
-@pytest.mark.parametrize("sign", [";", "!"])
-def test_a_sign_in_the_path_that_the_library_misreads_is_named(write_polygons, terrain, sign):
+def test_a_path_with_a_semicolon_is_read_and_one_with_an_exclamation_mark_is_named(write_polygons, terrain):
     path = write_polygons([shapely.box(50, 50, 80, 80)])
-    other = path.rename(path.with_name(f"a{sign}b.gpkg"))
-    with pytest.raises(ReleaseError, match=r"';' and '!' in the path .* rename the file"):
-        Release.from_vector(other, terrain, thickness=2.0)
+    path = path.rename(path.with_name("a;b.gpkg"))
+    assert Release.from_vector(path, terrain, thickness=2.0).volume > 0
+    path = path.rename(path.with_name("a!b.gpkg"))
+    with pytest.raises(ReleaseError, match="rename it or its folder without !"):
+        Release.from_vector(path, terrain, thickness=2.0)

@@ -169,7 +169,7 @@ def test_a_thickness_raster_takes_the_forms_of_an_elevation_raster(tmp_path, ter
 def test_of_a_netcdf_file_with_elevation_and_thickness_the_thickness_is_released(tmp_path, terrain):
     path = as_netcdf(tmp_path / "both.nc", mound(40, 60), "depth", elevation=np.full((40, 60), 900.0))
     assert Release.from_raster(path, terrain).thickness.max() < 8.0
-    with pytest.raises(ReleaseError, match=r'which variable is the thickness .*name it "thickness"'):
+    with pytest.raises(ReleaseError, match=r"which variable is the thickness .*name the variable after the file"):
         Release.from_raster(as_netcdf(tmp_path / "none.nc", mound(40, 60), "a", b=mound(40, 60)), terrain)
 
 

@@ -30,7 +30,7 @@ def keeping_site(tmp_path_factory):
     """A site whose members keep snapshots, after its run."""
     folder = write_site(tmp_path_factory.mktemp("keeping") / "ramp", KEEPING + "report: {stills: worst}\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(process, "COMMAND", (sys.executable, "-c", "import os; os.abort()"))
+        patch.setattr(process, "RENDERER", "import os; os.abort()")
         outcome = hazard_map.run(folder, workers=1)
     return folder, outcome
 
