@@ -1,8 +1,8 @@
 """Numbers of com1DFA (AvaFrame 2.1) on ISeeSnow's IdealizedTopo, with and without some of its terms, for the case idealized_topo.
 
     python3 -m venv ENV && ENV/bin/pip install avaframe==2.1
-    ENV/bin/python tests/benchmarks/idealized_topo_com1dfa.py run --out DIR
-    python tests/benchmarks/idealized_topo_com1dfa.py record --out DIR
+    ENV/bin/python -m tests.benchmarks.idealized_topo_com1dfa run --out DIR
+    python -m tests.benchmarks.idealized_topo_com1dfa record --out DIR
 
 ``run`` needs AvaFrame in an environment of its own; DIR then holds the maps of each run. ``record`` needs runout. It computes the
 numbers and writes `tests/benchmarks/records/idealized_topo_com1dfa.json`. Both read RUNOUT_DATA/iseesnow/IdealizedTopo.
@@ -26,7 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from avakot_com1dfa import AVAFRAME, CELLS, PEAKS, STANDARD, main, main_configuration, only
+
+from tests.benchmarks.avakot_com1dfa import AVAFRAME, CELLS, PEAKS, STANDARD, main, main_configuration, only
 
 SITE = "iseesnow/IdealizedTopo"
 STRETCHED = 60.0  # time [s] of the cross-sections

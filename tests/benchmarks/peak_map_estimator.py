@@ -1,6 +1,6 @@
 """How much of the error of a coarse peak map is that of the map, and how much that of the run: Frank Slide.
 
-    RUNOUT_DATA=DIR python tests/benchmarks/peak_map_estimator.py OUT [--finest 14] [--cells 20 28 40]
+    RUNOUT_DATA=DIR python -m tests.benchmarks.peak_map_estimator OUT [--finest 14] [--cells 20 28 40]
 
 Maps of the particles of the finest run are made with the footprints, the least thickness and the observations of coarser grids.
 They differ from the maps of the finest run by the estimator alone; the maps of runs on the coarser grids differ from them by the
@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peak_maps import PEAKS, arguments, maps, row
 
 from runout import simulate
 from runout.backends import footprints
 from runout.observers import PeakMaps
 from runout.run import OBSERVATIONS, Run
 from runout.scenario import build_scene
+from tests.benchmarks.peak_maps import PEAKS, arguments, maps, row
 
 SITE = "frank_slide"
 

@@ -1,7 +1,7 @@
 """Error and bias of the peak maps of Frank Slide and jacksboro at nine spacings, against a finer grid.
 
-    RUNOUT_DATA=DIR python tests/benchmarks/peak_maps.py OUT [--against OTHER] [--site NAME]
-    RUNOUT_DATA=DIR python tests/benchmarks/peak_maps.py OUT --probability
+    RUNOUT_DATA=DIR python -m tests.benchmarks.peak_maps OUT [--against OTHER] [--site NAME]
+    RUNOUT_DATA=DIR python -m tests.benchmarks.peak_maps OUT --probability
 
 Runs are kept in OUT, so that a second call only prints the tables. Those of another version, made with it in the folder OTHER,
 are compared with the same references: with the finest maps of OUT. Area errors are those of cells over 0.1, 0.5 and 1 m.

@@ -12,6 +12,7 @@ GENERATED = {
     "benchmarks/error_bars.md",
     "benchmarks/gpu.md",
     "benchmarks/one_answer.md",
+    "benchmarks/peak_maps.md",
     "benchmarks/published.md",
     "benchmarks/skip.md",
     "benchmarks/transfers.md",
