@@ -27,7 +27,8 @@ def bench(
     from runout.studies import work_precision
 
     choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision)
-    work_precision.report(work_precision.run(choices, json, figure))
+    record = json or (session.out / work_precision.FILE if session.out else None)
+    work_precision.report(work_precision.run(choices, record, figure))
     return ExitCode.OK
 
 

@@ -24,6 +24,7 @@ from runout.studies.timing import Case, TimedRun, take_turns
 
 LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 2
+FILE = "bench.json"
 SIZES, FULL_SIZES = (10_000, 100_000, 400_000), (1_000_000, 3_000_000, 10_000_000)
 SIZE = 100_000  # of the studies other than that of size
 THIN, DEEP = (2, 3), 16  # cells through the depth

@@ -7,7 +7,8 @@ import socket
 import numpy as np
 import pytest
 
-from runout.errors import ConfigError
+from runout.cli import main
+from runout.errors import ConfigError, ExitCode
 from runout.studies import work_precision
 from runout.studies.sloping_layer import SPACING, Layer
 from runout.studies.timing import Case, TimedRun, take_turns
@@ -126,3 +127,12 @@ def test_a_script_that_is_no_prototype_is_refused_in_one_sentence(tmp_path):
         prototype.load_prototype(script)
     with pytest.raises(ConfigError, match="does not exist"):
         prototype.load_prototype(tmp_path / "missing.py")
+
+
+def test_command_writes_the_record_to_the_stated_folder(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(work_precision, "run", lambda choices, json_file, figure: written.append(json_file))
+    monkeypatch.setattr(work_precision, "report", lambda content: None)
+    assert main(["bench", "--out", str(tmp_path)]) == ExitCode.OK
+    assert main(["bench"]) == ExitCode.OK
+    assert written == [tmp_path / "bench.json", None]
