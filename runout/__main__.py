@@ -4,7 +4,7 @@ import gc
 import os
 import sys
 
-from runout.ending import end_at_once
+from runout.processes.ending import end_at_once
 from runout.safe_start import begin, ignore_settings
 
 
@@ -15,7 +15,7 @@ def main() -> int:
     _restart_in_utf8()
     gc.disable()  # imports leave no garbage to look for; it is enabled before work that takes longer
     from runout.cli import main as command
-    from runout.without_dask import hide_dask
+    from runout.processes.without_dask import hide_dask
 
     hide_dask()
     ignore_settings()

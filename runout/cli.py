@@ -12,8 +12,9 @@ from shlex import quote
 from types import TracebackType
 from typing import Annotated, Any
 
-from runout import __version__, interrupt
+from runout import __version__
 from runout.errors import ExitCode, RunoutError
+from runout.processes import interrupt
 
 with interrupt.ended_at_once():  # it takes a moment
     from cyclopts import App, CycloptsError, Group, Parameter
@@ -68,7 +69,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
     With the arguments of the process, an interrupt ends the process at once.
     """
-    from runout import caches
+    from runout.processes import caches
 
     if tokens is None:
         interrupt.end_at_once()

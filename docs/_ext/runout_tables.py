@@ -86,11 +86,11 @@ class VariablesTable(SphinxDirective):
 
 
 class PresetsTable(SphinxDirective):
-    """Table of the presets of :mod:`runout.accuracy`."""
+    """Table of the presets of :mod:`runout.forecast.accuracy`."""
 
     def run(self) -> list[Any]:
         """Nodes of the table."""
-        from runout.accuracy import PRESETS, expected_errors
+        from runout.forecast.accuracy import PRESETS, expected_errors
 
         rows = [
             [

@@ -98,7 +98,7 @@ def stress(
 
 def doctor(*, session: Injected) -> int:
     """List installed libraries, devices and caches, with problems and remedies."""
-    from runout.doctor import examine
+    from runout.workflow.doctor import examine
 
     return examine()
 

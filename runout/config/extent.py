@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout import source_code
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, sampled_ranges
 from runout.config.stated_at import stated_at
 from runout.errors import DemError
+from runout.io import source_code
 from runout.io.opening import BYTES_PER_CELL
 from runout.io.provenance import checksum
 from runout.io.source_kinds import holds_geometries

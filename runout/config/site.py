@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from runout.accuracy import CHOICES, CellSize, choices
 from runout.config.material import sampled_ranges
 from runout.config.overrides import on_device, with_cell_size
 from runout.config.read import load, site_file
@@ -19,6 +18,7 @@ from runout.config.site_probes import SiteProbes
 from runout.config.site_structures import SiteStructures
 from runout.config.structures import COMPUTED_WITHOUT
 from runout.errors import ConfigError, InputError
+from runout.forecast.accuracy import CHOICES, CellSize, choices
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
 from runout.io.source_kinds import is_mesh

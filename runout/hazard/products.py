@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from runout.errors import PartialEnsembleError, StorageError
+from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.joint import stated_conditions
 from runout.hazard.maps import OWN_MAP, write_maps
@@ -30,7 +31,6 @@ from runout.model.release import Release
 from runout.model.terrain import Terrain
 from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
-from runout.stiffness import RECORDED, extremes
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
 from runout.terrain.roughness import of_ground

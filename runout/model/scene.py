@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
 from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
 from runout.model.laws import Law, law_of
-from runout.model.limits import LARGEST_CFL, checked, is_number
+from runout.model.limits import CFL, LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
 from runout.model.structures import StructureField

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.errors import ObservationError
+from runout.forecast.numerical_error import read_convergence
 from runout.io import netcdf
 from runout.io.boundary import exists
 from runout.io.member_maps import read_maps
 from runout.io.opening import open_netcdf
-from runout.numerical_error import read_convergence
 from runout.scores.error_bars import ErrorBars
 from runout.scores.flow import Flow, percentile_of
 from runout.scores.grid import Grid

@@ -14,11 +14,11 @@ import numpy as np
 
 from runout import log
 from runout.errors import ConfigError, ExitCode
-from runout.interrupt import at_end
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
-from runout.lifetime import end_workers
 from runout.model.facts import as_html, as_text
+from runout.processes.interrupt import at_end
+from runout.processes.lifetime import end_workers
 from runout.workflow.ahead import imported_meanwhile
 from runout.workflow.compilation import compile_ahead
 from runout.workflow.stages import Stage

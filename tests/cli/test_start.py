@@ -145,8 +145,8 @@ def test_a_screen_shows_one_of_the_warnings_that_differ_in_numbers_and_a_file_sh
         log.to_terminal(0)
         for member in range(3):
             with log.of_member(member):
-                logging.getLogger("runout.simulation").warning("0.%d cells through the depth", member)
-            logging.getLogger("runout.run").info("member %d done", member, extra={"member": member, "progress": True})
+                logging.getLogger("runout.simulation.single").warning("0.%d cells through the depth", member)
+            logging.getLogger("runout.simulation.run").info("member %d done", member, extra={"member": member, "progress": True})
         return capsys.readouterr().err.splitlines()
 
     assert told(True) == ["warning: member 0: 0.0 cells through the depth"]

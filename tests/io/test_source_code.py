@@ -5,9 +5,9 @@ import shutil
 
 import pytest
 
-from runout import source_code
+from runout.io import source_code
 from runout.io.atomic import read_json
-from runout.source_code import Checksums, checksums_of
+from runout.io.source_code import Checksums, checksums_of
 
 
 @pytest.fixture

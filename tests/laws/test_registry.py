@@ -22,7 +22,6 @@ from scenes import scene
 
 import runout
 from runout.backends.compile import numba_binding
-from runout.checkpoint import run_key
 from runout.errors import ConfigError, MaterialError
 from runout.model import registry
 from runout.model.friction_laws import FRICTIONS
@@ -31,6 +30,7 @@ from runout.model.parameters import parameter
 from runout.model.particles import Particles
 from runout.model.registry import modules_of
 from runout.physics.tensors import real, scaled
+from runout.simulation.checkpoint import run_key
 from runout.workflow.check import inspect
 
 ROOT = Path(__file__).parents[2]

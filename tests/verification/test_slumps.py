@@ -13,7 +13,7 @@ import pytest
 import runout
 from runout.backends.protocol import get_backend
 from runout.physics import geostatic
-from runout.scenario import build_scene
+from runout.simulation.scenario import build_scene
 
 INTERNAL_DEG, BASAL_DEG, H = 34.0, 30.0, 2.0
 STRENGTH = math.sin(math.radians(INTERNAL_DEG))

@@ -26,7 +26,7 @@ def main(folder: Path) -> dict:
     from runout.hazard.products import write_products
     from runout.io import netcdf
     from runout.report.html import write_report
-    from runout.simulation import simulate
+    from runout.simulation.single import simulate
 
     site, results, quantity = read_site(folder), folder / "results", QUANTITIES[NAME]
     members = plan_members(site)

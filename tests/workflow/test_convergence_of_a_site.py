@@ -8,9 +8,9 @@ import pytest
 from ramp_site import write_site
 
 from runout import cli, read_site
-from runout.accuracy import BOUNDS
 from runout.errors import ConfigError
-from runout.numerical_error import ORDER, SAFETY, statements
+from runout.forecast.accuracy import BOUNDS
+from runout.forecast.numerical_error import ORDER, SAFETY, statements
 from runout.studies import convergence
 from runout.studies.map_distance import area_above, compared
 

@@ -65,7 +65,7 @@ def test_momentum_flux_is_the_peak_of_the_product_and_not_the_product_of_peaks()
     """Thick and slow, then thin and fast: the largest h v^2 is less than what the maxima would give."""
     from runout.backends.protocol import RasterSums
     from runout.model.scene import Raster
-    from runout.observers import PeakMaps
+    from runout.simulation.observers import PeakMaps
 
     class Scene:
         raster = Raster(3, 4, (2.0, 2.0))

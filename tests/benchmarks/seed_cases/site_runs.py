@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from runout.backends.protocol import get_backend
-from runout.memory import Extent, expected_memory
-from runout.run import Run, RunControl
-from runout.scenario import build_scene
+from runout.forecast.memory import Extent, expected_memory
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
 from runout.studies.timing import memory_of
 from tests.benchmarks.seed_cases import synthetic_site as site
 from tests.benchmarks.seed_cases.blocks import NODES, BlockCount, count_blocks
@@ -38,7 +38,7 @@ class Watch:
 
 
 def forecasts() -> list[dict[str, Any]]:
-    """One row a cell size of a GPU: the forecast of :mod:`runout.memory` for the start of the run, which needs no GPU.
+    """One row a cell size of a GPU: the forecast of :mod:`runout.forecast.memory` for the start of the run, which needs no GPU.
 
     ``cell`` [m], ``particles``, ``nodes`` of all blocks, ``device_bytes`` and ``host_bytes``.
     """
@@ -56,7 +56,7 @@ def _forecast(cell: float) -> dict[str, Any]:
 
 
 def on_card() -> Any:
-    """What :func:`runout.memory.expected_memory` asks of a backend on a GPU."""
+    """What :func:`runout.forecast.memory.expected_memory` asks of a backend on a GPU."""
     return SimpleNamespace(device=SimpleNamespace(is_cuda=True))
 
 

@@ -2,7 +2,7 @@
 
 ``check``, ``verify --convergence``, the report, the presets and the scores take the error from here, by one definition. The error
 of a quantity is the distance of its value from that of a grid of vanishing cells, the error of a map the relative L1 distance. An
-error bar is meant to hold the error in 9 of 10 cases (:data:`runout.accuracy.BOUNDS` says what it does not hold).
+error bar is meant to hold the error in 9 of 10 cases (:data:`runout.forecast.accuracy.BOUNDS` says what it does not hold).
 
 A bar comes from runs on the grid and on coarser ones, of uneven ratios and shifted against the terrain. A fit of c + b h^p through
 them, by least squares with weights of 1/h (Eca & Hoekstra 2014, J. Comput. Phys. 262:104), gives the trend b h^p and the scatter

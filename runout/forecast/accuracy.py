@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import ConfigError
+from runout.model.limits import CFL
 
 if TYPE_CHECKING:
     from runout.model.release import Release
@@ -21,7 +22,6 @@ BOUNDS = "Error bars hold 9 of 10 cases. They hold the error of the grid only, n
 EXPECTED = (
     f"Expected errors are medians of the error bars of {EXAMPLE}; `runout verify SITE --convergence` measures those of this site."
 )
-PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # default; release/arrangement.py has another one for masses that stay thick
 FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
 CHOICES = ("cell_size", "cfl")  # settings of a preset
 
@@ -95,7 +95,7 @@ def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[
 def expected_errors(cells: float) -> tuple[float, float]:
     """Expected error bars of the map of flow thickness and of the run-out [1] with so many cells through the mean thickness.
 
-    The medians of the error bars that :mod:`runout.numerical_error` gives :data:`EXAMPLE`, of first order in the cell size.
+    The medians of the error bars that :mod:`~runout.forecast.numerical_error` gives :data:`EXAMPLE`; first order in the cell size.
     """
     return MAP_ERROR / cells, RUNOUT_ERROR / cells
 

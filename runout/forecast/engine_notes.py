@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from runout import __version__
-from runout.caches import compiled_code
 from runout.errors import StorageError
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS
 from runout.model.laws import LAWS
+from runout.processes.caches import compiled_code
 
 if TYPE_CHECKING:
     from runout.model.basal_friction import BasalFriction
@@ -84,7 +84,7 @@ def _folder() -> Path:
 @cache
 def _machine() -> str:
     """Checksum of machine, versions and sources."""
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     files = [path for part in SOURCES for path in sorted((package / part).rglob("*.py"))]
     stamps = [(str(path), status.st_mtime_ns, status.st_size) for path in files for status in [os.stat(path)]]
     host = platform.node(), platform.machine(), platform.python_version(), os.cpu_count()

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from runout.accuracy import CFL
 from runout.errors import ConfigError, ReleaseError, require_kind
-from runout.memory import Extent, expected_extent
+from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
 from runout.model.friction import FrictionZones
-from runout.model.limits import checked, spacing_of
+from runout.model.limits import CFL, checked, spacing_of
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.particle_source import gathered
 from runout.model.release import Release
@@ -49,9 +48,9 @@ def build_scene(
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
-    from runout import stiffness
     from runout.backends.initial_stress import InitialStress, pressed_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
+    from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
     from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare, sdf

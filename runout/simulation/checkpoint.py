@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from runout import source_code
 from runout.backends.protocol import Backend, ResumableBackend
 from runout.backends.state import State
 from runout.errors import ConfigError
+from runout.io import source_code
 from runout.io.atomic import whole_file
 from runout.map_quantities import member_map_names
 from runout.model.particle_source import ParticleSource

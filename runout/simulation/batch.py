@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from runout.accuracy import choices
 from runout.backends.protocol import (
     Backend,
     Counters,
@@ -25,7 +24,9 @@ from runout.backends.protocol import (
     get_batch,
 )
 from runout.errors import CapacityError, RunoutError, StabilityError
-from runout.memory import Extent, MemoryForecast, available_bytes
+from runout.forecast.accuracy import choices
+from runout.forecast.memory import Extent, MemoryForecast, available_bytes
+from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
 from runout.model.basal_friction import USUAL_ANGLE
 from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
@@ -33,10 +34,10 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.result import Result
-from runout.run import BATCH, Run, RunControl
-from runout.scenario import build_scene
-from runout.structure_forces import named_structures
+from runout.simulation.result import Result
+from runout.simulation.run import BATCH, Run, RunControl
+from runout.simulation.scenario import build_scene
+from runout.simulation.structure_forces import named_structures
 
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
@@ -44,7 +45,6 @@ BUSY = 3_000_000  # particles with which a launch starts if the next scenario is
 MEMORY_SHARE = 0.8  # share of the free memory at the start; flows that spread take more
 AHEAD = min(2, os.cpu_count() or 1)  # scenarios that are prepared at the same time; more threads wait for each other
 LOOK_SECONDS = 3e-3  # [s] between two sequences of steps, measured
-STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # [s] least time of a step, and time per particle
 WAITING_SECONDS = 3e-11  # [s] time per particle of a run that waits
 ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # not accepted
 

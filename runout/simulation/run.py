@@ -11,7 +11,6 @@ import numpy as np
 from runout.backends import footprints
 from runout.backends.protocol import Backend, BatchBackend, LedgerRow, RasterSums, ResumableBackend, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.checkpoint import Checkpoint
 from runout.errors import ConfigError
 from runout.model.depth_resolution import DepthResolution, flow_depth
 from runout.model.limits import checked
@@ -21,10 +20,11 @@ from runout.model.probes import Probes
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
-from runout.probe_recorder import ProbeRecorder
-from runout.result import Result
-from runout.structure_forces import named_structures
+from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
+from runout.simulation.probe_recorder import ProbeRecorder
+from runout.simulation.result import Result
+from runout.simulation.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger

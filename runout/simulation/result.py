@@ -14,7 +14,7 @@ from runout.model.particles import Particles
 from runout.model.probe_series import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
-from runout.structure_forces import StructureForces
+from runout.simulation.structure_forces import StructureForces
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -195,7 +195,7 @@ class Result:
         of the whole raster in the group ``raster``.
         """
         from runout.io.netcdf import write
-        from runout.structure_series import GROUP, facade_series
+        from runout.simulation.structure_forces import GROUP, facade_series
 
         shown, place, groups = self._reached() if reached_only else (self, {}, {})
         groups["ledger"] = self.ledger

@@ -13,15 +13,15 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from runout.caches import compiled_code
 from runout.errors import StorageError
 from runout.io.atomic import read_json, write_json
+from runout.processes.caches import compiled_code
 
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parents[1]
 # what draws, prints, aggregates or starts: no value in the file of a member depends on it
 NOT_OF_MEMBERS = (
     *("commands", "hazard", "report", "scores", "slopes", "studies", "view", "workflow"),
-    *("__main__.py", "cli.py", "doctor.py", "ending.py", "interrupt.py", "lifetime.py", "log.py", "safe_start.py"),
+    *("processes", "__main__.py", "cli.py", "log.py", "safe_start.py"),
 )
 
 

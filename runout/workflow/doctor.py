@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from runout import __version__, caches, log
+from runout import __version__, log
 from runout.errors import ExitCode, RenderError
-from runout.lifetime import import_path, python_command
+from runout.processes import caches
+from runout.processes.lifetime import import_path, python_command
 
 LIBRARIES = ("numpy", "numba", "warp-lang", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
 IMPORTED = ("numpy", "numba", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")

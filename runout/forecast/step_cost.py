@@ -1,7 +1,7 @@
 """Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made.
 
-It is measured once a day (:mod:`runout.engine_notes`), and anew after some minutes if other work disturbed the measurement. A
-forecast that compiles nothing takes what was measured in the last month, or else that of a typical core.
+It is measured once a day (:mod:`runout.forecast.engine_notes`), and anew after some minutes if other work disturbed the
+measurement. A forecast that compiles nothing takes what was measured in the last month, or else that of a typical core.
 """
 
 import math
@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from runout import engine_notes
 from runout.backends.protocol import get_backend
-from runout.batch import PARTICLE_SECONDS, STEP_SECONDS
-from runout.engine_notes import StepCost
+from runout.forecast import engine_notes
+from runout.forecast.engine_notes import StepCost
 from runout.model.limits import spacing_of
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
@@ -28,6 +27,7 @@ PER_CELL = (2, 2, 4)
 UNTIMED_STEPS, TIMED_STEPS = 4, 24
 REPEATS = 3  # measurements, of which the shortest counts
 WAITED = 0.15  # share of the time that a measurement waits for a core, from which on other work disturbs it
+STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # [s] least time of a step on a GPU, and time per particle
 SLOPE = 0.4  # of the ground
 TYPICAL = StepCost(2e-4, 1e-7)  # of one core of the server on which it was chosen; of other machines a guess
 SPREADING = 1.2  # cost of a particle-step of a flow, which spreads and is observed, over that of the layer

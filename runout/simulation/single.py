@@ -5,10 +5,9 @@ import os
 import time as clock
 from collections.abc import Callable, Sequence
 
-from runout.accuracy import choices
 from runout.backends.protocol import get_backend
-from runout.checkpoint import EVERY, checkpoint_for, run_key
-from runout.memory import expected_memory, require_memory
+from runout.forecast.accuracy import choices
+from runout.forecast.memory import expected_memory, require_memory
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
@@ -17,10 +16,11 @@ from runout.model.probes import Probes
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
-from runout.result import Result
-from runout.run import Run, RunControl
-from runout.scenario import build_scene
-from runout.structure_forces import named_structures
+from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
+from runout.simulation.result import Result
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
+from runout.simulation.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
 
@@ -108,7 +108,7 @@ def simulate(
         "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional
         "screening", "standard" or "high": cell_size and cfl that follow from the mean thickness of the release
-        (:data:`runout.accuracy.PRESETS`); an explicit value of either overrides the preset.
+        (:data:`runout.forecast.accuracy.PRESETS`); an explicit value of either overrides the preset.
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool

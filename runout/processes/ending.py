@@ -1,6 +1,6 @@
 """Signal handler of a command. It imports only modules of the interpreter, so that it works from the first line of runout.
 
-:mod:`runout.interrupt` states the reason and handles actions before the end.
+:mod:`runout.processes.interrupt` states the reason and handles actions before the end.
 """
 
 import _signal as signal  # built-in module; ``signal`` would import ``enum``

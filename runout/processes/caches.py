@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runout.errors import ConfigError
-from runout.io.regular import WRITTEN_BY_ALL, every_user_writes, fault_of_owner
+from runout.processes.owner import WRITTEN_BY_ALL, every_user_writes, fault_of_owner
 
 LOGGER = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from runout.ending import AT_END, MESSAGE, end, end_at_once
+from runout.processes.ending import AT_END, MESSAGE, end, end_at_once
 
 __all__ = ["MESSAGE", "at_end", "end_at_once", "ended_at_once"]
 

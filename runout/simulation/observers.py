@@ -13,7 +13,7 @@ from runout.map_quantities import member_map_names, peak_quantities
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Structures
-from runout.structure_forces import StructureForces
+from runout.simulation.structure_forces import StructureForces
 
 THICKNESS = 0  # of the peaks
 BLOCK_NODES = 64
