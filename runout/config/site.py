@@ -240,6 +240,7 @@ class Site:
             "flip_ratio": stated.flip_ratio,
             "f_bar": stated.f_bar,
             "sleep_speed": stated.sleep_speed,
+            "substeps": stated.substeps,
             "initial_stress": stated.initial_stress,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,

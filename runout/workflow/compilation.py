@@ -43,7 +43,7 @@ class _Kernels:
             stated.precision,
             bool(terrain.friction_zones or terrain.friction_rasters),
             site.structures.possible,
-            {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed},
+            {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed, "substeps": stated.substeps},
         )
 
     @property
