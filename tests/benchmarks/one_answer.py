@@ -103,8 +103,8 @@ def main() -> None:
     chosen.out.mkdir(parents=True, exist_ok=True)
     how = chosen.backend, chosen.device, chosen.substeps
     tasks = [(s, r, p, *how) for s in chosen.sites for r in RATIOS for p in (0, *PLACES.get(r, ()))]
-    pooled = {"mp_context": get_context("spawn"), "initializer": filter_by, "initargs": (chosen.half_width,)}
-    with ProcessPoolExecutor(chosen.processes, **pooled) as pool:
+    each = {"initializer": filter_by, "initargs": (chosen.half_width,)}
+    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn"), **each) as pool:
         rows = list(pool.map(run, sorted(tasks, key=lambda t: t[1])))
     rows.sort(key=lambda row: (row["site"], row["ratio"], row["place"]))
     engine = f"{chosen.backend} on {chosen.device}"
