@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from runout import Terrain
-from runout.terrain import crests, ground_store, sdf
+from runout.terrain import content_store, crests, sdf
 from runout.terrain.crest_window import Mass
 
 
@@ -21,7 +21,7 @@ def terrain(bump=0.0):
 @pytest.fixture
 def made(monkeypatch):
     """Number of grounds made, from an empty store on."""
-    monkeypatch.setattr(sdf, "GROUNDS", ground_store.GroundStore())
+    monkeypatch.setattr(sdf, "GROUNDS", content_store.ContentStore(sdf.GROUNDS.size))
     counted = []
     original = sdf._with_crests
     monkeypatch.setattr(sdf, "_with_crests", lambda *given: counted.append(1) or original(*given))
@@ -72,7 +72,7 @@ def test_ground_that_failed_is_made_anew_and_old_ones_are_forgotten(made, monkey
         with pytest.raises(MemoryError):
             sdf.sliding_surface(terrain(), None, (2.0, 2.0))
     first = sdf.sliding_surface(terrain(), None, (2.0, 2.0))
-    for k in range(ground_store.KEPT):
+    for k in range(content_store.KEPT):
         sdf.sliding_surface(terrain(k + 1.0), None, (2.0, 2.0))
     again = sdf.sliding_surface(terrain(), None, (2.0, 2.0))
     assert again is not first
@@ -80,7 +80,7 @@ def test_ground_that_failed_is_made_anew_and_old_ones_are_forgotten(made, monkey
 
 
 def test_grounds_of_huge_rasters_are_not_kept_beside_the_last_one(made, monkeypatch):
-    monkeypatch.setattr(ground_store, "LARGEST", 8 * 30 * 30)
+    monkeypatch.setattr(content_store, "LARGEST", 8 * 30 * 30)
     for bump in (0.0, 1.0, 1.0, 0.0):
         sdf.sliding_surface(terrain(bump), None, (2.0, 2.0))
     assert len(made) == 3
