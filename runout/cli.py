@@ -20,9 +20,9 @@ with interrupt.ended_at_once():  # it takes a moment
     from cyclopts import App, CycloptsError, Group, Parameter
 
     from runout import log
-    from runout.commands import probes, sites, slopes, studies, view
-    from runout.commands.options import Session
+    from runout.commands.options import TRAITS, Session
     from runout.commands.written import require_places
+    from runout.model.registry import parts_of
 
 LOGGER = logging.getLogger(__name__)
 INTERRUPTED, BROKEN_PIPE = 130, 141  # exit codes of shells for a command that Ctrl-C ended, or whose output nobody reads
@@ -34,10 +34,8 @@ app = App(
 )
 app.meta.group_parameters = Group("Options of every command", sort_key=0)
 
-COMMANDS: tuple[Callable[..., int], ...] = (
-    *(*sites.COMMANDS, *probes.COMMANDS, *view.COMMANDS),
-    *(*slopes.COMMANDS, *studies.COMMANDS),
-)
+parts_of("runout.commands", first=("sites", "probes", "view"))
+COMMANDS = tuple(TRAITS)
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)
 
@@ -56,7 +54,7 @@ def launch(
         return _printed(command, bound)
     log.to_terminal(session.verbosity)
     sys.excepthook = partial(_unexpected, session)
-    if command not in sites.SHORT:
+    if not TRAITS[command].short:
         gc.enable()
     if "session" in injected:
         bound.arguments["session"] = session

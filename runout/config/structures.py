@@ -1,17 +1,13 @@
 """Structures of site.yaml: buildings, dams, galleries and piers that the flow meets."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from runout.config.distributions import Settings, limited, quantity, refuse, shape
 from runout.config.quantities import Text, within
-from runout.io.mesh_files import MESHES, OTHER_MESHES
-
-OF_FOOTPRINTS, OF_MESHES = ("layer", "height", "base", "top"), ("units", "crs", "offset")
-
+from runout.structures.readers import other_meshes, reader_of
 
 Height = Annotated[Text | Annotated[float, within("structure_height"), Tag("<number>")], Discriminator(shape)]
 Clearance = Annotated[Text | Annotated[float, within("structure_clearance"), Tag("<number>")], Discriminator(shape)]
@@ -34,21 +30,18 @@ def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, st
     file = given.get("file")
     if not isinstance(file, str) or not file:
         return
-    suffix = PurePath(file).suffix.lower()
-    if suffix in OTHER_MESHES:
-        yield "file", f"{file}: meshes of {suffix} are not read", "export it as OBJ, PLY, STL or GLB"
-        return
-    is_mesh = suffix in MESHES
-    kind = "a mesh" if is_mesh else "footprints"
-    for key in OF_FOOTPRINTS if is_mesh else OF_MESHES:
+    reader = reader_of(file)
+    if reader.is_refused:
+        yield "file", other_meshes.fault(file), other_meshes.REMEDY
+    for key in reader.foreign_keys():
         if key in given:
-            yield key, f"has no meaning with {kind} ({file})", "remove it"
-    if is_mesh and "units" not in given:
-        yield "units", "required key is missing for a mesh", "add units: m, cm, mm or ft"
+            yield key, f"has no meaning with {reader.kind} ({file})", "remove it"
+    if reader.has_units and "units" not in given:
+        yield "units", f"required key is missing for {reader.kind}", "add units: m, cm, mm or ft"
     if "protects_layer" in given and "protects" not in given:
         yield "protects_layer", "has no meaning without protects", "add protects, or remove it"
-    if is_mesh and isinstance(given.get("clearance"), str):
-        yield "clearance", f"{given['clearance']!r} is no number, and a mesh has no attributes", "give a number in m"
+    if not (reader.has_attributes or reader.is_refused) and isinstance(given.get("clearance"), str):
+        yield "clearance", f"{given['clearance']!r} is no number, and {reader.kind} has no attributes", "give a number in m"
 
 
 class StructureSettings(Settings):

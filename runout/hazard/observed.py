@@ -19,10 +19,9 @@ from runout.scores.contingency import reached
 from runout.scores.elevation_change import elevation_change
 from runout.scores.energy_line import release_point
 from runout.scores.error_bars import ErrorBars
-from runout.scores.flow import Flow
+from runout.scores.flow import OF_MEMBER, Flow
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_or_never
-from runout.scores.products import OF_MEMBER
 
 if TYPE_CHECKING:
     from runout.config.site import Site

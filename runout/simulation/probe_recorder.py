@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends import footprints
-from runout.backends.compile import array_binding
+from runout.backends.compile import array_binding, rebound
 from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
 from runout.map_quantities import ARRIVAL, peak_quantities
@@ -25,6 +25,7 @@ from runout.model.terrain import Terrain
 
 PIECES = 4  # pieces of a line in the shorter side of a cell
 TINY = np.finfo(float).tiny
+OF_ARRAYS = {"math": np, "min": np.minimum, "max": np.maximum, "abs": np.abs}  # what names in a formula of a quantity mean
 AROUND = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)]).T  # a cell and its neighbours, (2, 9)
 DISCHARGE, PASSED, WIDTH, DEPTH = "discharge", "passed_volume", "flow_width", "largest_thickness"
 OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; flux, width, largest thickness
@@ -176,10 +177,10 @@ class ProbeRecorder:
 
     def _point_series(self, rows: np.ndarray, known: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
         depth, speed, density = np.moveaxis(rows, 1, 0)
-        formulas, moving, series = array_binding().flow_columns, depth >= self.arrival_threshold, {}
+        moving, series = depth >= self.arrival_threshold, {}
         for quantity in peak_quantities():
             formula: Any = quantity.formula
-            values = getattr(formulas, formula.__name__, formula)(depth, speed, density)
+            values = rebound(formula, OF_ARRAYS, {})(depth, speed, density)
             if quantity.stem == "flow_thickness":
                 series[quantity.stem] = _resampled(values, known, time)
             else:

@@ -13,6 +13,7 @@ from runout.errors import ConfigError
 from runout.forecast.accuracy import BOUNDS
 from runout.forecast.numerical_error import MAP, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
 from runout.scores.elevation_change import elevation_change
+from runout.scores.flow import BAR_MAPS, OF_MEMBER
 from runout.studies.map_distance import area_above, common_differences, compared
 from runout.studies.work_report import markdown
 
@@ -25,13 +26,7 @@ FILE = "convergence.json"
 COARSER = (2.0, 2.0, 1.7, 1.7, 1.4, 1.4, 1.2)  # cell sizes over those of the site, one a run; uneven, so that no two share a raster
 COMPARED = 1.4  # of these, the grid whose maps are compared in all scores
 SHIFT = 0.382  # cells between the shifts of one run and the next
-MAPS = {
-    "flow_thickness": "max_flow_thickness",
-    "deposit": "deposit_thickness",
-    "speed": "max_speed",
-    "pressure": "max_pressure",
-    "arrival": "arrival_time",
-}  # name in the study -> map of a run
+MAPS = {BAR_MAPS.get(name, name): of_run for name, of_run in OF_MEMBER.items()}  # name in the study -> map of a run
 FROM_MAP = {"peak_speed": "speed"}  # map that a quantity is taken from, where it is not that of flow thickness
 MOST_ESCAPED = 0.01  # share of the mass beyond the terrain up to which run-out is known
 METHOD = (
