@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.fetch import locate
-from runout.config.friction import ANGLE, KEY, sampled_ranges
+from runout.config.friction import ANGLE, KEY, SiteFriction, sampled_ranges
+from runout.config.input_readers import read_elevations, read_releases, read_zones
+from runout.config.member_arguments import grid_spacing, material, sampled_releases
 from runout.config.stated_at import stated_at
 from runout.errors import DemError
 from runout.io import source_code
@@ -18,8 +20,8 @@ from runout.io.source_kinds import holds_geometries
 from runout.io.window import LARGEST_WHOLE, Bounds, part_of
 
 if TYPE_CHECKING:
-    from runout.config.schema import ReleaseSettings
-    from runout.config.site import Site
+    from runout.config.schema import ReleaseSettings, SiteSettings
+    from runout.config.site_files import SiteFiles
     from runout.io.elevation_raster import Header
     from runout.model.release import Release
     from runout.model.terrain import Terrain
@@ -47,22 +49,23 @@ class DerivedExtent:
     sentence: str
 
 
-def known_extent(site: "Site") -> DerivedExtent | None:
-    """:func:`needed_extent`, or what an earlier run found for the same site with the same inputs."""
-    if site.known.path is None:
-        return needed_extent(site)
-    stated = site.settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
-    key = checksum([source_code.checksums().members, stated, site.checksums()])
-    noted = site.known.value("extent", key)
+def known_extent(files: "SiteFiles") -> DerivedExtent | None:
+    """:func:`needed_extent`, or what an earlier run found for the same settings with the same inputs."""
+    settings, known = files.settings, files.known
+    if known.path is None:
+        return needed_extent(settings, files.file)
+    stated = settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
+    key = checksum([source_code.checksums().members, stated, files.checksums()])
+    noted = known.value("extent", key)
     if noted is None:
-        found = needed_extent(site)
-        site.known.note("extent", key, asdict(found) if found else {})
+        found = needed_extent(settings, files.file)
+        known.note("extent", key, asdict(found) if found else {})
         return found
     return DerivedExtent(tuple(noted["edges"]), noted["sentence"]) if noted else None
 
 
-def needed_extent(site: "Site") -> DerivedExtent | None:
-    """Extent of a site's elevation raster that no mass leaves; None if the raster is read as a whole.
+def needed_extent(settings: "SiteSettings", file: Path) -> DerivedExtent | None:
+    """Extent of the elevation raster of a site.yaml that no mass leaves; None if the raster is read as a whole.
 
     Raises
     ------
@@ -73,13 +76,12 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
     """
     from runout.terrain.read import read_header
 
-    stated = site.settings.terrain
-    with stated_at(site.file, "terrain", "dem"):
-        header = read_header(locate(stated.dem, site.folder), stated.crs)
+    with stated_at(file, "terrain", "dem"):
+        header = read_header(locate(settings.terrain.dem, file.parent), settings.terrain.crs)
     if header.cells <= LARGEST_WHOLE:
         return None
-    boxes = [release_bounds(release, site.folder, header) for release in site.settings.release]
-    if not boxes or not {ANGLE, KEY} & site.settings.model_fields_set:
+    boxes = [release_bounds(release, file.parent, header) for release in settings.release]
+    if not boxes or not {ANGLE, KEY} & settings.model_fields_set:
         unknown = "and site.yaml does not say yet where masses may get"
         raise DemError(f"{header.source}: {_too_many(header)}, {unknown}; {_state(header)}")
     low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
@@ -88,7 +90,7 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
     if edges[0] >= east or edges[2] <= west or edges[1] >= north or edges[3] <= south:
         place, held = (", ".join(f"{edge:.10g}" for edge in box) for box in (edges, header.bounds))
         raise DemError(f"{header.source}: the releases [{place}] lie outside [{held}]; check the coordinate systems of both")
-    return _grown(site, header, edges)
+    return _grown(settings, file, header, edges)
 
 
 def extent_around(dem: Path | str, release: Path, crs: str | None = None) -> Bounds | None:
@@ -140,7 +142,7 @@ def release_bounds(release: "ReleaseSettings", folder: Path, header: "Header") -
     return tuple(float(edge) for edge in edges)  # type: ignore[return-value]
 
 
-def _grown(site: "Site", header: "Header", edges: Bounds) -> DerivedExtent:
+def _grown(settings: "SiteSettings", file: Path, header: "Header", edges: Bounds) -> DerivedExtent:
     """Extent around the releases. Each edge within reach of a mass moves outwards until the known ground ends."""
     cell = abs(header.transform[0]), abs(header.transform[4])
     more = [max(FIRST * cell[k % 2], edges[2 + k % 2] - edges[k % 2]) for k in range(4)]
@@ -153,8 +155,8 @@ def _grown(site: "Site", header: "Header", edges: Bounds) -> DerivedExtent:
         if part.rows * part.columns > LARGEST_DERIVED:
             needed = f"{part.columns} x {part.rows} cells or more, about {part.rows * part.columns * BYTES_PER_CELL / 1e9:.3g} GB"
             raise DemError(f"{header.source}: the masses may reach {needed} (energy line, least friction); {_state(header)}")
-        terrain = site.read_elevations(tried)  # type: ignore[arg-type]
-        angle, reach = _reach(site, terrain)
+        terrain = read_elevations(settings, file, tried)
+        angle, reach = _reach(settings, file, terrain)
         touched = _touched(reach)
         ended |= {k for k in growing if abs(terrain.extent[k] - before[k]) < terrain.cell_size[k % 2]}
         growing = [k for k in range(4) if touched[k] and tried[k] != whole[k] and k not in ended]
@@ -175,36 +177,37 @@ def _touched(reach: np.ndarray) -> tuple[bool, bool, bool, bool]:
     return west, south, east, north
 
 
-def _reach(site: "Site", terrain: "Terrain") -> tuple[float, np.ndarray]:
+def _reach(settings: "SiteSettings", file: Path, terrain: "Terrain") -> tuple[float, np.ndarray]:
     """Smallest friction angle [rad] and the cells (rows, columns) within reach of the largest masses of the ensemble."""
     from runout.terrain.prepare import reachable
 
-    largest = max(1.0, _support(site, "release_volume_factor", 1.0)[1])
-    releases = site.releases(terrain, {"release_volume_factor": largest})
-    angle = _least_friction(site, terrain, releases)
+    largest = max(1.0, _support(settings, "release_volume_factor", 1.0)[1])
+    read = read_releases(settings, file, terrain).require()
+    releases = sampled_releases(settings, read, {"release_volume_factor": largest})
+    angle = _least_friction(settings, file, terrain, releases)
     return angle, reachable(terrain, np.sum([release.thickness for release in releases], axis=0), angle)
 
 
-def _least_friction(site: "Site", terrain: "Terrain", releases: "list[Release]") -> float:
+def _least_friction(settings: "SiteSettings", file: Path, terrain: "Terrain", releases: "list[Release]") -> float:
     """Smallest friction angle [rad] of all members on any ground within reach."""
     from runout.errors import ZoneError
     from runout.model.basal_strength import least_angle, strengths
 
-    sampled = site.settings.ensemble.parameters
-    lowest = {name: sampled[name].support()[0] for name in sampled_ranges(site.friction.law) if name in sampled}
-    weakest = site.material({name: sampled[name].support()[0] for name in ("friction_angle_deg", "cohesion") if name in sampled})
-    height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
-    strength = strengths([r.material or weakest for r in releases], height)
+    sampled, friction = settings.ensemble.parameters, SiteFriction(settings)
+    lowest = {name: sampled[name].support()[0] for name in sampled_ranges(friction.law) if name in sampled}
+    of_material = (name for name in ("friction_angle_deg", "cohesion") if name in sampled)
+    weakest = material(settings, {name: sampled[name].support()[0] for name in of_material})
+    strength = strengths([r.material or weakest for r in releases], grid_spacing(settings, releases)[2])
     try:
-        zones = site.friction_zones(terrain)
-    except ZoneError:  # no zone lies within this extent; Site.friction_zones reports faults on the final extent
+        zones = read_zones(settings, file, terrain)
+    except ZoneError:  # no zone lies within this extent; SiteFiles.zones reports faults on the final extent
         zones = None
-    return least_angle(site.friction.of_releases(releases, lowest), strength, zones)
+    return least_angle(friction.of_releases(releases, lowest), strength, zones)
 
 
-def _support(site: "Site", name: str, otherwise: float) -> tuple[float, float]:
+def _support(settings: "SiteSettings", name: str, otherwise: float) -> tuple[float, float]:
     """Smallest and largest value of a parameter of the members."""
-    distribution: Any = site.settings.ensemble.parameters.get(name)
+    distribution: Any = settings.ensemble.parameters.get(name)
     return distribution.support() if distribution is not None else (otherwise, otherwise)
 
 

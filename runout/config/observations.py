@@ -1,11 +1,22 @@
-"""Observations of a past event in site.yaml."""
+"""Observations of a past event: their settings in site.yaml, and their readers."""
 
-from typing import Literal
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from pydantic import model_validator
 
 from runout.config.distributions import Settings, quantity, refuse
+from runout.config.fetch import locate
 from runout.config.remote import InputFile
+from runout.config.stated_at import Reading, read_each, stated_at
+
+if TYPE_CHECKING:
+    from runout.config.schema import SiteSettings
+    from runout.model.terrain import Terrain
+    from runout.scores.observations import Observations
 
 NODATA = "unknown: cells without a value are not scored; zero: nothing happened there, nor beyond the raster"
 
@@ -87,4 +98,83 @@ OBSERVATIONS = quantity(
     None,
     examples=[{"outline": {"polygons": "inputs/outline.gpkg"}, "thalweg": {"line": "inputs/thalweg.gpkg"}}],
 )
-FILE_KEYS = {"outline": "polygons", "deposit": "raster", "difference": "raster", "gauges": "points", "thalweg": "line"}
+
+Parts = tuple[dict[str, Any], tuple[str, ...]]  # attributes of Observations, and what was changed or assumed
+
+
+def read_observations(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Reading[Observations | None]":
+    """The observations on the cells of the terrain, None without any, and the problems of those that cannot be used."""
+    if settings.observations is None:
+        return Reading(None)
+    from runout.scores.grid import Grid
+    from runout.scores.observations import Observations
+
+    named = ((name, getattr(settings.observations, name)) for name in READERS)
+    reading = read_each(partial(_read, name, one, file, terrain) for name, one in named if one is not None)
+    parts = {key: value for part, _ in reading.content for key, value in part.items()}
+    changes = tuple(change for _, changes in reading.content for change in changes)
+    return Reading(Observations(Grid.of(terrain), **parts, changes=changes) if parts else None, reading.problems)
+
+
+def _read(name: str, settings: Any, file: Path, terrain: "Terrain") -> Parts:
+    with stated_at(file, "observations", name):
+        key, read = READERS[name]
+        return read(settings, Path(locate(getattr(settings, key), file.parent)), terrain)
+
+
+def _outline(settings: Any, path: Path, terrain: "Terrain") -> Parts:
+    from runout.scores.read import read_outline
+
+    outline, changes = read_outline(path, terrain, settings.layer)
+    return {"outline": outline, "outline_shows": settings.shows}, changes
+
+
+def _deposit(settings: Any, path: Path, terrain: "Terrain") -> Parts:
+    from runout.scores.slope_normal import terrain_slope, vertical_thickness
+
+    values, changes = _raster(settings, path, terrain)
+    if settings.thickness == "slope_normal":
+        values = vertical_thickness(values, terrain_slope(terrain.elevation, terrain.cell_size))
+    return {"deposit": values}, changes
+
+
+def _difference(settings: Any, path: Path, terrain: "Terrain") -> Parts:
+    values, changes = _raster(settings, path, terrain)
+    return {"change": values, "detection_limit": settings.detection_limit}, changes
+
+
+def _raster(settings: DepositSettings | DifferenceSettings, path: Path, terrain: "Terrain") -> tuple[np.ndarray, tuple[str, ...]]:
+    """Values on the cells of the terrain, NaN where unknown or without elevation."""
+    from runout.scores.grid import Grid, placed
+    from runout.scores.observations import on_grid
+    from runout.scores.read import Nodata, read_map
+
+    nodata, quantity = Nodata(settings.nodata), "change" if isinstance(settings, DifferenceSettings) else "thickness"
+    values, own, changes = read_map(path, nodata, quantity=quantity)
+    grid = Grid.of(terrain)
+    sentences = placed(own, grid).sentences
+    on_terrain = on_grid(values, own, grid, 0.0 if nodata == Nodata.ZERO else np.nan)
+    return terrain.where_known(on_terrain), (*changes, *sentences)
+
+
+def _gauges(settings: Any, path: Path, terrain: "Terrain") -> Parts:
+    from runout.scores.read import read_gauges
+
+    gauges, changes = read_gauges(path, terrain, settings.attributes, settings.layer)
+    return {"gauges": gauges}, changes
+
+
+def _thalweg(settings: Any, path: Path, terrain: "Terrain") -> Parts:
+    from runout.scores.read import read_thalweg
+
+    thalweg, changes = read_thalweg(path, terrain, settings.layer)
+    return {"thalweg": thalweg}, changes
+
+
+READERS: dict[str, tuple[str, Callable[[Any, Path, "Terrain"], Parts]]] = {  # key of the file of each observation, and its reader
+    "outline": ("polygons", _outline),
+    "deposit": ("raster", _deposit),
+    "difference": ("raster", _difference),
+    "gauges": ("points", _gauges),
+    "thalweg": ("line", _thalweg),
+}

@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
-from runout.config.observations import FILE_KEYS
 from runout.config.problems import problems_of
 from runout.config.schema import (
     SAMPLE_DEMS,
@@ -22,7 +21,7 @@ from runout.config.schema import (
     release_conflicts,
     zone_conflicts,
 )
-from runout.config.structures import FILE_KEYS as STRUCTURE_FILES
+from runout.config.site_files import named_inputs
 from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
 from runout.errors import ConfigError, Problem
@@ -171,7 +170,7 @@ def _blocks(document: Document, place: Location) -> list[dict[str, Any]]:
 
 
 def _unusable_files(document: Document, folder: Path) -> Iterator[Problem]:
-    for location, name in _local_files(document):
+    for location, name in named_inputs(document.values):
         path = folder / file_in(name)
         if name.startswith("matplotlib:"):
             if name not in SAMPLE_DEMS:
@@ -189,37 +188,10 @@ def _unusable_files(document: Document, folder: Path) -> Iterator[Problem]:
 
 def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     """One sentence for each input of site.yaml that lies outside the site folder, after symbolic links are resolved."""
-    terrain = settings.terrain
-    named: list[Any] = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
-    named += [zone.polygons for zone in terrain.friction_zones or []]
-    named += [obstacle.polygons for obstacle in terrain.obstacles or []]
-    named += [getattr(one, key) for one in settings.structures or [] for key in STRUCTURE_FILES]
-    observed = settings.observations
-    named += [getattr(getattr(observed, name), key) for name, key in FILE_KEYS.items() if getattr(observed, name, None)]
-    named += (terrain.friction_rasters or {}).values()
-    named += settings.probes.files() if settings.probes else []
-    local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
+    names = (name for _, name in named_inputs(settings) if isinstance(name, str) and not name.startswith("matplotlib:"))
     root = folder.resolve()
-    places = {name: (folder / file_in(name)).resolve() for name in local}
+    places = {name: (folder / file_in(name)).resolve() for name in dict.fromkeys(names)}
     return [f"{name}: lies outside the folder of the site, at {p}" for name, p in places.items() if not p.is_relative_to(root)]
-
-
-def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
-    releases = document.value(("release",))
-    count = len(releases) if isinstance(releases, list) else 0
-    places: list[Location] = [("terrain", "dem")]
-    places += [("release", i, key) for i in range(count) for key in ("polygons", "raster")]
-    for key in ("friction_zones", "obstacles"):
-        places += [("terrain", key, i, "polygons") for i in range(len(_overlays(document, key)))]
-    places += [("structures", i, key) for i in range(len(_blocks(document, ("structures",)))) for key in STRUCTURE_FILES]
-    places += [("probes", key) for key in ("points", "cross_sections")]
-    places += [("observations", name, key) for name, key in FILE_KEYS.items()]
-    rasters = document.value(("terrain", "friction_rasters"))
-    places += [("terrain", "friction_rasters", key) for key in (rasters if isinstance(rasters, dict) else {})]
-    for place in places:
-        name = document.value(place)
-        if isinstance(name, str) and name:
-            yield place, name
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -1,204 +1,268 @@
-"""The input files of a site, read as site.yaml states: elevations, obstacles, friction zones and releases."""
+"""The input files of a site: which ones site.yaml names, their checksums, and what they hold, each read once."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from copy import copy
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from runout.config.document import Location
 from runout.config.fetch import locate
-from runout.config.schema import ReleaseSettings, SiteSettings
-from runout.config.site_friction import SiteFriction
-from runout.config.site_structures import SiteStructures
-from runout.config.stated_at import release_number, stated_at
+from runout.config.input_readers import build_obstacles, read_elevations, read_releases, read_zones
+from runout.config.observations import READERS, read_observations
+from runout.config.probes import read_probes
+from runout.config.remote import RemoteFile
+from runout.config.schema import SiteSettings
+from runout.config.stated_at import Reading
+from runout.config.structures import raise_placed, read_bodies, read_protected_areas
+from runout.errors import InputError, StructureError
+from runout.io.fingerprint import Unchanged
+from runout.io.known_files import KnownFiles
 from runout.io.side_files import files_of
 from runout.io.source_kinds import is_mesh, sample_path
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from runout.config.extent import DerivedExtent
     from runout.model.friction import FrictionZones
+    from runout.model.probes import Probes
     from runout.model.release import Release
+    from runout.model.structures import Structures
     from runout.model.terrain import Terrain
-    from runout.structures.solid import Solid
+    from runout.scores.observations import Observations
+    from runout.structures.read import Bodies
+    from runout.terrain.obstacles import Obstacles
+
+T = TypeVar("T")
+EACH = "*"
+PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, by what is read of them
+    "terrain": (("terrain", "dem"), ("terrain", "obstacles", EACH, "polygons")),
+    "releases": (("release", EACH, "polygons"), ("release", EACH, "raster")),
+    "zones": (("terrain", "friction_zones", EACH, "polygons"), ("terrain", "friction_rasters", EACH)),
+    "probes": (("probes", "points"), ("probes", "cross_sections")),
+    "structures": (("structures", EACH, "file"),),
+    "observations": tuple(("observations", name, key) for name, (key, _) in READERS.items()),
+    "protected": (("structures", EACH, "protects"),),  # areas behind dams
+}
+OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures")  # parts that members depend on
+OF_PRODUCTS = ("observations", "protected")
 
 
-@dataclass(frozen=True)
+def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:
+    """Location and value of every setting that names an input file, in settings or in the plain values of a document."""
+    for places in PLACES.values():
+        for place in places:
+            yield from _at(values, place)
+
+
+def _at(value: Any, place: Location, location: Location = ()) -> Iterator[tuple[Location, Any]]:
+    if not place:
+        if value and isinstance(value, str | RemoteFile):
+            yield location, value
+    elif place[0] == EACH:
+        entries = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
+        for key, entry in entries:
+            yield from _at(entry, place[1:], (*location, key))
+    else:
+        inner = value.get(place[0]) if isinstance(value, Mapping) else getattr(value, str(place[0]), None)
+        yield from _at(inner, place[1:], (*location, place[0]))
+
+
 class SiteFiles:
-    """The input files of a site. Each call reads them.
+    """Input files of a site. Each is read at its first use, and again only after one of those in use was written.
 
-    Attributes
+    A site is a value; this is where what its files hold is kept. The parts that members need travel to other processes.
+
+    Parameters
     ----------
     settings : SiteSettings
         The checked content of site.yaml.
     file : Path
         The site.yaml; other paths are relative to its folder.
+    known : KnownFiles, optional
+        Checksums of the files, and what was computed from them.
     """
 
-    settings: SiteSettings
-    file: Path
+    def __init__(self, settings: SiteSettings, file: Path, known: KnownFiles | None = None):
+        self.settings, self.file, self.known = settings, file, known or KnownFiles()
+        self._watched: dict[str, Unchanged] = {}
+        self._content: dict[tuple[Any, ...], Any] = {}
 
-    def elevations(self, extent: "Sequence[float] | None") -> "Terrain":
-        """Elevations without obstacles within an extent (west, south, east, north), or of the whole raster if it is None.
+    def __getstate__(self) -> dict[str, Any]:
+        needed = [key for key in self._content if key[0] in (*OF_MEMBERS, "extent") and key != ("structures",)]
+        content = {key: self._content[key] for key in needed}
+        watched = {part: files for part, files in self._watched.items() if part in OF_MEMBERS}
+        return {**vars(self), "_content": content, "_watched": watched}
 
-        Raises
-        ------
-        DemError
-            If they cannot be used.
-        """
-        with stated_at(self.file, "terrain", "dem"):
-            return self._elevations(extent)
+    def recorded_in(self, record: Path) -> "SiteFiles":
+        """These files, whose checksums are kept in a record between runs."""
+        files = copy(self)  # with the same content
+        files._watched, files._content, files.known = self._watched, self._content, self.known.recorded_in(record)
+        return files
 
-    def _elevations(self, extent: "Sequence[float] | None") -> "Terrain":
-        stated = self.settings.terrain
-        edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
-        from runout.terrain.averaging import averaged, smoothed
+    def with_settings(self, settings: SiteSettings) -> "SiteFiles":
+        """The files of other settings, read anew; of settings that differ in their probes, only these are."""
+        files = SiteFiles(settings, self.file, self.known)
+        if settings.model_copy(update={"probes": self.settings.probes}) == self.settings:
+            files._watched |= {part: watched for part, watched in self._watched.items() if part != "probes"}
+            files._content |= {key: content for key, content in self._content.items() if key[0] != "probes"}
+        return files
 
-        if is_mesh(stated.dem):
-            from runout.terrain.mesh import read_mesh_terrain
-
-            terrain, blocks = read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)[0], None
-        else:
-            from runout.terrain.read import read_terrain
-
-            terrain, blocks = read_terrain(self._located(stated.dem), stated.crs, edges), stated.resolution
-        terrain = smoothed(terrain, stated.smoothing, self.file.name) if stated.smoothing else terrain
-        return averaged(terrain, blocks, self.file.name) if blocks else terrain
-
-    def _overhangs(self, terrain: "Terrain") -> "list[Solid]":
-        """Bodies of the overhangs of a mesh."""
-        from runout.structures.overhangs import read_overhangs
-
-        stated = self.settings.terrain
-        return read_overhangs(self._located(stated.dem), terrain, stated.overhang_friction_angle_deg)
-
-    def with_obstacles(self, terrain: "Terrain") -> "Terrain":
-        """The terrain with the obstacles on it.
-
-        Raises
-        ------
-        DemError
-            If obstacles cannot be used.
-        """
-        for i, obstacle in enumerate(self.settings.terrain.obstacles or []):
-            with stated_at(self.file, "terrain", "obstacles", i):
-                terrain = terrain.with_obstacles(self._located(obstacle.polygons), obstacle.height, obstacle.layer)
-        return terrain
-
-    def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
-        """The friction zones and rasters on the terrain; None if site.yaml states none.
-
-        Raises
-        ------
-        ZoneError
-            If zones cannot be used.
-        """
-        stated, rasters = self.settings.terrain.friction_zones, self.settings.terrain.friction_rasters
-        if not stated and not rasters:
-            return None
-        from runout.terrain.zones import together
-
-        gridded = self._friction_rasters(rasters, terrain) if rasters else None
-        zones = [self._zones(i, terrain) for i in range(len(stated or []))]
-        return together(zones, gridded) if zones else gridded
-
-    def _friction_rasters(self, rasters: Mapping[str, str], terrain: "Terrain") -> "FrictionZones":
-        from runout.terrain.friction_rasters import read_friction_rasters
-
-        paths = {key: self._located(path) for key, path in rasters.items()}
-        with stated_at(self.file, "terrain", "friction_rasters"):
-            return read_friction_rasters(paths, terrain, law=SiteFriction(self.settings).law.name)
-
-    def _zones(self, number: int, terrain: "Terrain") -> "FrictionZones":
-        """The friction zones of one entry."""
-        from runout.terrain.zones import read_zones
-
-        assert self.settings.terrain.friction_zones is not None
-        stated = self.settings.terrain.friction_zones[number]
-        law, choices = SiteFriction(self.settings).law.name, stated.model_dump(exclude={"polygons"})
-        with stated_at(self.file, "terrain", "friction_zones", number):
-            return read_zones(self._located(stated.polygons), terrain, law=law, **choices)
-
-    def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
-        """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
-
-        Raises
-        ------
-        DemError
-            If obstacles cannot be used.
-        """
-        from runout.terrain.obstacles import obstacle_parts
-
-        stated = self.settings.terrain.obstacles or []
-        parts = [obstacle_parts(terrain, self._located(o.polygons), o.height, o.layer) for o in stated]
-        return [part for several in parts for part in several]
-
-    def releases(self, terrain: "Terrain") -> "list[Release]":
-        """The releases on the terrain, in the order of site.yaml, with a volume factor of 1.
-
-        Raises
-        ------
-        ReleaseError
-            If a release cannot be used.
-        """
-        return [self._placed_release(stated, terrain) for stated in self.settings.release]
-
-    def _placed_release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
-        key = "raster" if stated.polygons is None else "polygons"
-        with stated_at(self.file, "release", partial(release_number, self.file, stated.name), key):
-            return self._release(stated, terrain)
-
-    def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
-        from runout.release.read import read_raster, read_vector
-
-        common: dict[str, Any] = {"volume": stated.volume, "placement": stated.placement, "name": stated.name}
-        common["basal_friction_angle_deg"] = stated.basal_friction_angle_deg
-        if stated.polygons is not None:
-            path = self._located(stated.polygons)
-            return read_vector(path, terrain, thickness=stated.thickness, edge=stated.edge, layer=stated.layer, **common)
-        assert stated.raster is not None  # the settings hold one of the two
-        return read_raster(self._located(stated.raster), terrain, sign=stated.sign or "positive", **common)
-
-    def of_terrain(self) -> list[Path]:
-        """Files of elevations and obstacles, with their side files.
+    def paths(self, *parts: str) -> list[Path]:
+        """Files of some parts with their side files, without site.yaml; by default those that members depend on.
 
         Raises
         ------
         InputError, StorageError
             If a public file cannot be downloaded or has another checksum than stated.
         """
-        stated = self.settings.terrain
-        return self._paths([stated.dem, *(obstacle.polygons for obstacle in stated.obstacles or [])])
+        return list(dict.fromkeys(path for part in parts or OF_MEMBERS for path in self._watch(part).seen))
 
-    def all(self) -> list[Path]:
-        """All input files with their side files, without site.yaml.
+    def checksums(self, *parts: str) -> list[str]:
+        """Checksums of the contents of :meth:`paths`.
 
         Raises
         ------
         InputError, StorageError
-            If a public file cannot be downloaded or has another checksum than stated.
+            If an input cannot be read.
         """
-        stated = [self.settings.terrain.dem]
-        for release in self.settings.release:
-            stated += [source for source in (release.polygons, release.raster) if source is not None]
-        stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
-        stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
-        stated += (self.settings.terrain.friction_rasters or {}).values()
-        stated += self.settings.probes.files() if self.settings.probes else []
-        return self._paths([*stated, *self.structures.paths()])
+        return [self._checksum(path) for path in self.paths(*parts)]
+
+    def _checksum(self, path: Path) -> str:
+        try:
+            return self.known.sha256(path)
+        except OSError as cause:
+            raise InputError(f"{path}: the input cannot be read ({cause.strerror}); put it there or mend site.yaml") from cause
+
+    def _watch(self, part: str) -> Unchanged:
+        """Guard of the files of a part. If a watched file was written, all that was read is forgotten."""
+        if not all(watched.holds() for watched in self._watched.values()):
+            self._watched.clear()
+            self._content.clear()
+        if part not in self._watched:
+            sources = [source for place in PLACES[part] for _, source in _at(self.settings, place)]
+            located = [locate(source, self.file.parent) for source in sources]
+            self._watched[part] = Unchanged(path for one in located for path in _with_side_files(one))
+        return self._watched[part]
+
+    def _once(self, part: str, read: Callable[[], T], *of: Any) -> T:
+        """What ``read`` returned at its first call for a part, and for what it was read besides."""
+        with suppress(InputError):  # the reader names the setting
+            self._watch(part)
+        key = (part, *of)
+        if key in self._content:
+            return self._content[key]  # type: ignore[no-any-return]
+        content = read()
+        if not (isinstance(content, Reading) and content.problems):
+            self._content[key] = content
+        return content
+
+    def _on_terrain(self, part: str, read: "Callable[[Terrain], T]", terrain: "Terrain | None" = None) -> T:
+        """What ``read`` returns for the site's own terrain, once, or for another one."""
+        own = self.terrain()
+        return self._once(part, lambda: read(own)) if terrain is None or terrain is own else read(terrain)
 
     @property
-    def structures(self) -> SiteStructures:
-        """What site.yaml says of structures."""
-        overhangs = self._overhangs if is_mesh(self.settings.terrain.dem) else None
-        return SiteStructures(self.settings.structures or (), self.file, overhangs)
+    def extent(self) -> "DerivedExtent | None":
+        """Extent that is read of a huge elevation raster if site.yaml states none; None for other rasters."""
+        if self.settings.terrain.extent is not None or is_mesh(self.settings.terrain.dem):
+            return None
+        if ("extent",) not in self._content:
+            from runout.config.extent import known_extent
 
-    def _paths(self, sources: Iterable[Any]) -> list[Path]:
-        return [path for source in sources for path in _files(self._located(source))]
+            self._content["extent",] = known_extent(self)
+        return self._content["extent",]  # type: ignore[no-any-return]
 
-    def _located(self, source: Any) -> Any:
-        return locate(source, self.file.parent)
+    def terrain(self) -> "Terrain":
+        """The elevation raster, read and prepared, with the obstacles on it; DemError if it cannot be used."""
+        return self._once("terrain", self._read_ground)[0]
+
+    def obstacles(self) -> "list[Obstacles]":
+        """The obstacles of each entry of site.yaml, which the terrain contains; DemError if they cannot be used."""
+        return self._once("terrain", self._read_ground)[1]
+
+    def _read_ground(self) -> "tuple[Terrain, list[Obstacles]]":
+        derived = self.extent
+        terrain = read_elevations(self.settings, self.file, derived.edges if derived else self.settings.terrain.extent)
+        if derived:
+            terrain = replace(terrain, changes=(derived.sentence, *terrain.changes))
+        return build_obstacles(self.settings, self.file, terrain)
+
+    def releases(self, terrain: "Terrain | None" = None) -> "Reading[list[Release]]":
+        """The releases in the order of site.yaml with a volume factor of 1, and the problems of those that cannot be used."""
+        return self._on_terrain("releases", partial(read_releases, self.settings, self.file), terrain)
+
+    def zones(self, terrain: "Terrain | None" = None) -> "FrictionZones | None":
+        """The friction zones; None if site.yaml states none. ZoneError if they cannot be used."""
+        return self._on_terrain("zones", partial(read_zones, self.settings, self.file), terrain)
+
+    def probes(self) -> "Probes | None":
+        """Points and cross-sections at which members record series; None without any. ConfigError with all problems."""
+        return self._on_terrain("probes", partial(read_probes, self.settings, self.file))
+
+    def observations(self) -> "Reading[Observations | None]":
+        """The observations, None if site.yaml states none, and the problems of those that cannot be used."""
+        return self._on_terrain("observations", partial(read_observations, self.settings, self.file))
+
+    def bodies(self) -> "Bodies":
+        """Bodies of structures and overhangs; StructureError with all problems of all files."""
+        return self._on_terrain("structures", partial(read_bodies, self.settings, self.file))
+
+    def protected_areas(self) -> "dict[str, np.ndarray]":
+        """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
+
+        Raises
+        ------
+        StructureError
+            With all polygons that cannot be used, or lie beyond the terrain.
+        """
+        return self._on_terrain("protected", partial(read_protected_areas, self.settings, self.file))
+
+    def structures(self, spacing: tuple[float, float, float]) -> "Structures | None":
+        """Structures for a grid of ``spacing`` [m]; None without any. StructureError as of :func:`sound_bodies`."""
+        if not may_hold_bodies(self.settings):
+            return None
+        from runout.structures.build import build_structures
+
+        terrain = self.terrain()
+        return self._once("structures", lambda: build_structures(sound_bodies(self, spacing).solids, terrain, spacing), spacing)
 
 
-def _files(source: str | Path) -> list[Path]:
+def may_hold_bodies(settings: SiteSettings) -> bool:
+    """Whether there may be bodies: structures, or overhangs of a mesh."""
+    return bool(settings.structures) or is_mesh(settings.terrain.dem)
+
+
+def sound_bodies(files: SiteFiles, spacing: tuple[float, float, float] | None) -> "Bodies":
+    """Bodies of structures and overhangs, for a grid of ``spacing`` [m] if it is known.
+
+    Raises
+    ------
+    StructureError
+        With all problems: of files, placement, areas behind dams, thickness of walls, and overlaps with releases.
+    """
+    from runout.structures.read import Bodies, require_sound
+
+    problems: list[str] = []
+    bodies = Bodies(())
+    try:
+        bodies = files.bodies()
+        if bodies.solids and spacing:
+            require_sound(bodies.solids, files.terrain(), spacing, files.releases().content)
+    except StructureError as error:
+        problems += error.problems
+    try:
+        files.protected_areas()
+    except StructureError as error:
+        problems += error.problems
+    raise_placed(problems, files.settings, files.file)
+    return bodies
+
+
+def _with_side_files(source: str | Path) -> list[Path]:
     """Files of an input with their side files and sources; sample rasters are files of matplotlib."""
     if str(source).startswith("matplotlib:"):
         return [path for path in [sample_path(str(source))] if path]

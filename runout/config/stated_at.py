@@ -1,13 +1,42 @@
-"""Places of site.yaml in the messages of readers of its input files."""
+"""Messages of the readers of input files: all problems of several files at once, each with its place in site.yaml."""
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from runout.config.document import dotted, read_document
 from runout.errors import ConfigError, InputError, StructureError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Reading(Generic[T]):
+    """What could be read of several files, and the problems of the others."""
+
+    content: T
+    problems: tuple[InputError, ...] = ()
+
+    def require(self) -> T:
+        """The content; the first problem is raised if there is any."""
+        for problem in self.problems:
+            raise problem
+        return self.content
+
+
+def read_each(readers: Iterable[Callable[[], T]]) -> Reading[list[T]]:
+    """What each of some readers returns, and the problems of those that fail."""
+    content, problems = [], []
+    for read in readers:
+        try:
+            content.append(read())
+        except InputError as error:
+            problems.append(error)
+    return Reading(content, tuple(problems))
 
 
 @contextmanager

@@ -1,13 +1,27 @@
-"""Structures of site.yaml: buildings, dams, galleries and piers that the flow meets."""
+"""Buildings, dams, galleries and piers that the flow meets: their settings in site.yaml, and the readers of their files."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from runout.config.distributions import Settings, limited, quantity, refuse, shape
+from runout.config.document import Document, read_document
+from runout.config.fetch import locate
 from runout.config.quantities import Text, within
+from runout.config.stated_at import within_site
+from runout.errors import InputError, StructureError
+from runout.io.source_kinds import is_mesh
 from runout.structures.readers import other_meshes, reader_of
+
+if TYPE_CHECKING:
+    from runout.config.schema import SiteSettings
+    from runout.model.terrain import Terrain
+    from runout.structures.read import Bodies
+    from runout.structures.source import StructureSource
 
 Height = Annotated[Text | Annotated[float, within("structure_height"), Tag("<number>")], Discriminator(shape)]
 Clearance = Annotated[Text | Annotated[float, within("structure_clearance"), Tag("<number>")], Discriminator(shape)]
@@ -112,5 +126,111 @@ STRUCTURES = quantity(
     min_length=1,
     examples=[[{"file": "inputs/buildings.gpkg", "height": 8.0}]],
 )
-FILE_KEYS = ("file", "protects")
 PROTECTED = COMPUTED_WITHOUT = ("protects", "protects_layer")  # keys that change no member
+
+
+def read_bodies(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Bodies":
+    """Bodies of the structures, and of the overhangs of a terrain that is a mesh.
+
+    Raises
+    ------
+    StructureError
+        With all problems of all files.
+    """
+    from runout.structures import read
+
+    sources, ground = _sources(settings, file), settings.terrain
+    try:
+        bodies = read.read_bodies(sources, terrain, [f"structures[{k}].file" for k in range(len(sources))])
+    except StructureError as error:
+        raise_placed(error.problems, settings, file)
+        raise
+    if not is_mesh(ground.dem):
+        return bodies
+    from runout.structures.overhangs import read_overhangs
+
+    mesh = Path(locate(ground.dem, file.parent))
+    return bodies.and_more(read_overhangs(mesh, terrain, ground.overhang_friction_angle_deg))
+
+
+def require_readable(settings: "SiteSettings", file: Path) -> None:
+    """Raise StructureError with all files of structures that cannot be read, wherever their structures stand."""
+    from runout.structures import read
+
+    problems = []
+    for number, source in enumerate(_sources(settings, file)):
+        try:
+            read.require_readable(source)
+        except InputError as error:
+            problems.append(f"structures[{number}].file: {error}")
+    raise_placed(problems, settings, file)
+
+
+def _sources(settings: "SiteSettings", file: Path) -> "list[StructureSource]":
+    """What site.yaml says of each file."""
+    from runout.structures.source import StructureSource, Top
+
+    sources = []
+    for entry in settings.structures or ():
+        choices = entry.model_dump(exclude_none=True, exclude={"file", "top", "offset", *PROTECTED})
+        offset = tuple(entry.offset or (0.0, 0.0, 0.0))
+        path = Path(locate(entry.file, file.parent))
+        sources.append(StructureSource(path, **choices, top=Top(entry.top or "flat"), offset=offset))  # type: ignore[arg-type]
+    return sources
+
+
+def read_protected_areas(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "dict[str, np.ndarray]":
+    """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
+
+    Raises
+    ------
+    StructureError
+        With all polygons that cannot be used, or lie beyond the terrain.
+    """
+    areas: dict[str, np.ndarray] = {}
+    problems: list[str] = []
+    for number, entry in enumerate(settings.structures or ()):
+        if entry.protects:
+            name = f"{entry.name} {len(areas) + 1}" if entry.name in areas else entry.name
+            try:
+                areas[name] = _protected_area(Path(locate(entry.protects, file.parent)), entry.protects_layer, terrain)
+            except InputError as error:
+                problems.append(f"structures[{number}].protects: {error}")
+    raise_placed(problems, settings, file)
+    return areas
+
+
+def raise_placed(problems: Sequence[str], settings: "SiteSettings", file: Path) -> None:
+    """Raise StructureError with all problems, if any; those that begin with a key of the structures get its line."""
+    if problems:
+        document = read_document(file) if file.is_file() else Document(file.name)
+        raise StructureError([_placed(problem, settings, file, document) for problem in problems])
+
+
+def _placed(problem: str, settings: "SiteSettings", file: Path, document: Document) -> str:
+    problem = within_site(problem, file.parent)
+    begins = re.match(r"structures\[(\d+)\]\.(\w+): ", problem)
+    if begins is None or settings.structures is None:
+        return problem
+    number, blocks = int(begins[1]), document.value(("structures",))
+    entry = settings.structures[number].model_dump(exclude_unset=True)
+    same = [k for k, block in enumerate(blocks or ()) if block == entry]
+    if same and number not in same:  # blocks with wrong keys are not among the settings
+        number = same[0]
+    return str(document.problem(("structures", number, begins[2]), "")) + problem[begins.end() :]
+
+
+def _protected_area(path: Path, layer: str | None, terrain: "Terrain") -> np.ndarray:
+    """Covered area (rows, columns) [m2] of each cell in the polygons of a file."""
+    import shapely
+
+    from runout.io.polygons import read_polygons
+    from runout.terrain.overlay import on_cells
+
+    parts = read_polygons(path, terrain, layer, "protected area", key="protects_layer").polygons
+    covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
+    if not covered.any():
+        x, y = shapely.union_all(parts).representative_point().coords[0]
+        at = f"at easting {x:.1f}, northing {y:.1f}"
+        raise StructureError(f"{path}: the protected area {at} lies beyond the terrain {terrain.source}; move it")
+    return covered.T[::-1] * terrain.cell_area

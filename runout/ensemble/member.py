@@ -133,7 +133,7 @@ def _common_key(site: "Site") -> str:
     """Checksum of what all members share: input contents, configuration, sources of runout, maps in their files."""
     configuration = {k: v for k, v in site.computed().items() if k not in NOT_IN_KEY}
     made = {"sources": source_code.checksums().members, "maps": member_map_names()}
-    return checksum({"inputs": site.checksums(), "configuration": configuration, **made})
+    return checksum({"inputs": site.files.checksums(), "configuration": configuration, **made})
 
 
 def stored_key(path: Path) -> str | None:
@@ -224,10 +224,12 @@ def simulate_together(
 
     todo = [m for m in members if stored_key(m.file(results)) != m.key]
     errors: dict[int, BaseException] = {}
-    scenarios, data = [], site.data() if todo else None
+    scenarios = []
+    if todo:
+        site.data()  # an input that cannot be used is no error of a member
     for member in list(todo):
         try:
-            scenarios.append({**site.member_arguments(member.parameters, data), "seed": member.seed})
+            scenarios.append({**site.member_arguments(member.parameters), "seed": member.seed})
         except RunoutError as error:
             errors[member.number] = error
             todo.remove(member)

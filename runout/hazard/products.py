@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
 from runout.errors import PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import writers
@@ -59,8 +60,7 @@ def write_products(
     Parameters
     ----------
     site : Site
-        Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``obstacles(terrain)``,
-        ``probes(terrain)``, ``observed``, ``inputs()`` and ``resolved()`` are used.
+        Its folder, name, settings, input files, terrain, releases and resolved configuration are used.
     results : Path
         Folder that holds ``members/`` and takes the products.
     members : pandas.DataFrame
@@ -84,13 +84,13 @@ def write_products(
             f"{results / 'members'}: {ensemble.statement()}; no map can be made, mend what failed and run again"
         )
     terrain = site.terrain()
-    releases = site.releases(terrain)
+    releases = site.releases()
     origin = _origin(site, ensemble, terrain, releases)
     attributes = _attributes(site, ensemble, origin)
     hazard, of_members = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
     origin |= {name: values for name, values in of_members.items() if values}
     origin |= _relief(hazard, terrain, origin)
-    observed = site.observed.read(terrain)
+    observed = site.files.observations().require()
     if observed is not None:
         origin["observations"] = _score(observed, site, ensemble, terrain, releases, results, hazard)
         origin["changes"] = [*origin["changes"], *observed.changes]
@@ -198,24 +198,20 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     origin = provenance(
         name=site.name,
         folder=site.folder,
-        inputs=[*site.inputs(), *site.observed.paths(), *_protected(site)],
+        inputs=site.files.paths(*OF_MEMBERS, *OF_PRODUCTS),
+        sha256=site.files.known.sha256,
         configuration=site.resolved(),
         seed=settings.ensemble.seed,
         device=settings.simulation.device,
     )
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
-    zones = site.friction_zones(terrain)
+    zones = site.files.zones()
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
     stated = stated_metadata(site)
     origin |= {"metadata": stated} if stated else {}
     origin["releases"] = {"masses": [record(release) for release in releases], "start": list(start_sentences(releases))}
     state |= {"growth": ensemble.growth} if ensemble.growth else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
-
-
-def _protected(site: "Site") -> list[Path]:
-    """Files of the areas behind dams."""
-    return site.structures.protected() if getattr(site.settings, "structures", None) else []
 
 
 def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.site_files import may_hold_bodies
 from runout.hazard.facades import FacadeRecords, facade_dataset, overtopping, write_facades
 from runout.hazard.members import Ensemble
 from runout.io.acdd import study_attributes
@@ -54,8 +55,7 @@ def write_structures(
         If structures or protected areas cannot be used.
     """
     path = results / FILE
-    stated = getattr(site, "structures", None)
-    bodies = stated.bodies(terrain) if stated and stated.possible else None
+    bodies = site.files.bodies() if may_hold_bodies(site.settings) else None
     if bodies is None or not bodies.solids:
         path.unlink(missing_ok=True)
         return StructureProducts()
@@ -64,7 +64,7 @@ def write_structures(
     for member in ensemble.files.values():
         records.add(member)
     found = facade_dataset(records, ensemble, settings.percentiles, settings.pressure_thresholds)
-    areas = site.structures.protected_areas(terrain)
+    areas = site.files.protected_areas()
     if areas:
         least = site.settings.simulation.arrival_threshold * terrain.cell_area
         found = found.merge(overtopping(areas, ensemble, settings.percentiles, least))

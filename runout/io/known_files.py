@@ -6,7 +6,7 @@ from typing import Any
 
 from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint
-from runout.io.provenance import checksum, sha256
+from runout.io.provenance import checksum
 
 
 class KnownFiles:
@@ -18,7 +18,7 @@ class KnownFiles:
     Parameters
     ----------
     path : Path, optional
-        The record; without one nothing is kept.
+        The record; without one nothing is kept between runs.
     """
 
     def __init__(self, path: Path | None = None):
@@ -30,10 +30,14 @@ class KnownFiles:
         self._values: dict[str, Any] = dict(values) if isinstance(values, Mapping) else {}
         self._stored = (dict(self._files), dict(self._values))
 
+    def recorded_in(self, path: Path) -> "KnownFiles":
+        """What a record holds, with the checksums that this process has computed."""
+        known = KnownFiles(path)
+        known._files |= self._files
+        return known
+
     def sha256(self, path: Path) -> str:
         """Checksum of the content of a file; OSError if it cannot be read."""
-        if self.path is None:
-            return sha256(path)
         name = checksum(str(path.absolute()))  # the record tells nothing of the machine
         known = self._files.get(name)
         if known is None or known.fault(path):

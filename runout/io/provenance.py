@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -26,6 +26,7 @@ def provenance(
     seed: int | None,
     device: str,
     command: Iterable[str] | None = None,
+    sha256: Callable[[Path], str] | None = None,
 ) -> dict[str, Any]:
     """Provenance of a result as ``run.json`` stores it, ready for JSON.
 
@@ -45,6 +46,8 @@ def provenance(
         Device of the simulations, such as "cpu".
     command : iterable of str, optional
         The command; by default that of this process.
+    sha256 : callable, optional
+        Checksum of an input; by default it is computed.
 
     Raises
     ------
@@ -60,23 +63,23 @@ def provenance(
         "device": device,
         "machine": {"system": platform.system(), "architecture": platform.machine(), "cores": os.cpu_count()},
         "versions": {"python": platform.python_version()} | installed_versions(),
-        "inputs": [input_record(Path(path), Path(folder)) for path in inputs],
+        "inputs": [input_record(Path(path), Path(folder), sha256) for path in inputs],
         "configuration_sha256": configuration_checksum(configuration),
         "configuration": plain(configuration),
     }
 
 
-def file_record(path: Path, folder: Path) -> dict[str, Any]:
-    """Name, size [bytes] and SHA-256 of a file; the name is relative to ``folder`` where the file lies in it."""
+def file_record(path: Path, folder: Path, known: Callable[[Path], str] | None = None) -> dict[str, Any]:
+    """Name, size [bytes] and SHA-256 of a file, perhaps known; the name is relative to ``folder`` where the file lies in it."""
     inside = path.resolve().is_relative_to(folder.resolve())
     name = path.resolve().relative_to(folder.resolve()).as_posix() if inside else path.name
-    return {"name": name, "size": path.stat().st_size, "sha256": sha256(path)}
+    return {"name": name, "size": path.stat().st_size, "sha256": (known or sha256)(path)}
 
 
-def input_record(path: Path, folder: Path) -> dict[str, Any]:
+def input_record(path: Path, folder: Path, known: Callable[[Path], str] | None = None) -> dict[str, Any]:
     """:func:`file_record` of an input; StorageError if it cannot be read."""
     try:
-        return file_record(path, folder)
+        return file_record(path, folder, known)
     except OSError as cause:
         raise StorageError(f"{path}: this input cannot be read ({cause.strerror}); restore it and run again") from cause
 

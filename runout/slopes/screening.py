@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__, log
+from runout.config.site_files import may_hold_bodies
 from runout.errors import ConfigError, ExitCode
 from runout.hazard.outline_style import screen_styles
 from runout.io.atomic import whole_file, write_json
@@ -50,7 +51,7 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
         remedy = f"`runout new FOLDER --dem {path} --release RELEASE` makes one"
         raise ConfigError(f"{path}: is a raster; the baseline needs a site with a release: {remedy}")
     site = read_site(path)
-    terrain, releases = site.data().terrain, site.data().releases
+    terrain, releases = site.terrain(), site.releases()
     start = time.perf_counter()
     found = mass_wasting(terrain, releases, parameters)
     took = time.perf_counter() - start
@@ -70,13 +71,13 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
 
 def _standing(site: "Site", terrain: "Terrain") -> list[Standing]:
     """Obstacles and structures of a site."""
-    found = [Standing("obstacle", "", outline, height) for outline, height in site.obstacles(terrain)]
-    if not site.structures.possible:
+    found = [Standing("obstacle", "", *part) for obstacles in site.files.obstacles() for part in obstacles.parts]
+    if not may_hold_bodies(site.settings):
         return found
     from runout.structures.ground import elevation_at
     from runout.structures.outlines import footprint
 
-    for solid in site.structures.bodies(terrain).solids:
+    for solid in site.files.bodies().solids:
         height = solid.vertices[:, 2] - elevation_at(terrain, solid.vertices)
         hangs = None if solid.clearance is None else max(0.0, float(np.nanmin(height)))
         found.append(Standing("structure", solid.name, footprint(solid, terrain), float(np.nanmax(height)), hangs))

@@ -1,14 +1,15 @@
 """Finds all problems of a site without changing anything."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.member_arguments import grid_spacing
 from runout.errors import ConfigError, InputError, MaterialError, RunoutError, StructureError
 from runout.workflow import check_observations, check_physics, check_stiffness
 
@@ -132,7 +133,7 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
         observations=_readable_observations(stated.get("observations"), wrong),
         probes=_readable_probes(stated.get("probes"), wrong),
     )
-    return Site(file.parent, file, file.parent.name, settings)
+    return Site.of(file, settings, file.parent.name)
 
 
 def _is_right(section: str, stated: dict[str, Any], wrong: list[str]) -> bool:
@@ -168,25 +169,21 @@ def _readable_probes(stated: Any, wrong: list[str]) -> "ProbeSettings | None":
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Read the releases; if one cannot be used, one by one, to find the problems of each."""
+    """Read the releases, and note the problems of each."""
+    from runout.config.member_arguments import sampled_releases
     from runout.release.statements import start_sentences
 
-    try:
-        found.releases += site.releases(terrain)
-    except InputError:
-        for stated in site.settings.release:
-            alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
-            try:
-                found.releases += alone.releases(terrain)
-            except InputError as error:
-                found.note(error)
+    reading = site.files.releases()
+    found.releases += sampled_releases(site.settings, reading.content)
+    for problem in reading.problems:
+        found.note(problem)
     found.notes += [f"release {release.name}: {change}" for release in found.releases for change in release.changes]
     found.notes += start_sentences(found.releases)
 
 
 def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
     try:
-        found.zones = site.friction_zones(terrain)
+        found.zones = site.files.zones()
     except InputError as error:
         found.note(error)
     if found.zones:
@@ -195,9 +192,10 @@ def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
 
 
 def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Read the observations one by one to find the problems of each."""
-    observed, problems = site.observed.problems(terrain)
-    for problem in problems:
+    """Read the observations, and note the problems of each."""
+    reading = site.files.observations()
+    observed = reading.content
+    for problem in reading.problems:
         found.note(problem)
     if observed is not None:
         found.notes += [observed.statement(), *observed.changes]
@@ -206,7 +204,7 @@ def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> Non
 
 def _read_probes(found: Findings, site: "Site", terrain: "Terrain") -> None:
     try:
-        probes = site.probes(terrain)
+        probes = site.files.probes()
     except InputError as error:
         found.note(error)
     else:
@@ -228,7 +226,7 @@ def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
 def _inspect_resolution(found: Findings, site: "Site") -> None:
     if not found.releases:
         return
-    spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)
+    spacing = grid_spacing(site.settings, found.releases)
     found.stiffness = check_stiffness.site_stiffness(site, found.releases, found.zones)
     found.warnings += check_stiffness.warnings(found.stiffness)
     for release in found.releases:
@@ -250,19 +248,15 @@ def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> Non
     """Warn of obstacles narrower than two cells of the grid, and of dams lower than one."""
     if not site.settings.terrain.obstacles:
         return
-    from runout.config.fetch import locate
     from runout.structures.inspection import LOW
-    from runout.terrain.obstacles import narrowest, obstacle_parts
 
-    spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3) if found.releases else np.zeros(3)
+    spacing = grid_spacing(site.settings, found.releases) if found.releases else (0.0, 0.0, 0.0)
     cell = max(*spacing[:2], *terrain.cell_size)
-    for obstacle in site.settings.terrain.obstacles:
-        path = Path(locate(obstacle.polygons, site.folder))
-        heights = [height for _, height in obstacle_parts(terrain, path, obstacle.height, obstacle.layer) if height > 0]
+    for obstacle, built in zip(site.settings.terrain.obstacles, site.files.obstacles(), strict=True):
+        heights, width = [height for height in built.heights if height > 0], built.narrowest
         if heights and min(heights) < spacing[2]:
             low = LOW.format(height=min(heights), cell=spacing[2])
             found.warnings.append(f"{obstacle.polygons}: the lowest obstacle {low}")
-        width = narrowest(terrain, path, obstacle.layer)
         if width < 2 * cell:
             found.warnings.append(
                 f"{obstacle.polygons}: the narrowest obstacle is about {width:.3g} m wide, less than two cells of {cell:.4g} m; "
@@ -272,15 +266,16 @@ def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> Non
 
 def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the structures; on a site whose grid is known, measure their walls too."""
-    if not site.structures.possible:
+    from runout.config.site_files import may_hold_bodies, sound_bodies
+
+    if not may_hold_bodies(site.settings):
         return
-    from runout.model.limits import spacing_of
     from runout.structures.inspection import low_structures
 
-    known = found.site is not None and found.releases and site.structures.possible
-    spacing = spacing_of(site.grid(found.releases)["cell_size"]) if known else None
+    known = found.site is not None and found.releases
+    spacing = grid_spacing(site.settings, found.releases) if known else None
     try:
-        bodies = site.structures.sound_bodies(terrain, found.releases, spacing)
+        bodies = sound_bodies(site.files, spacing)
         found.notes += [f"structures: {change}" for change in bodies.changes]
         found.warnings += low_structures(bodies.solids, terrain, spacing) if spacing else []
     except InputError as error:
@@ -289,13 +284,15 @@ def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> No
 
 def _note_structures(found: Findings, site: "Site") -> None:
     """Note what is wrong with the files of the structures themselves, where no ground is known to place them on."""
+    from runout.config.structures import require_readable
+
     try:
-        site.structures.require_readable()
+        require_readable(site.settings, site.file)
     except InputError as error:
         found.note(error)
 
 
-def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
+def _too_coarse(release: "Release", spacing: Sequence[float]) -> Iterator[str]:
     cells = release.area / (spacing[0] * spacing[1])
     if cells < 1:
         finer = math.sqrt(release.area) / 4
@@ -372,11 +369,10 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
 
 def _inspect_relief(found: Findings, site: "Site", terrain: "Terrain", reach: np.ndarray) -> None:
     """Note what relief in reach of the mass costs; warn of elevations that oscillate."""
-    from runout.model.limits import spacing_of
     from runout.terrain.roughness import of_ground
 
     speed = math.sqrt(0.5) * found.stiffness[0].flow_speed
-    relief = of_ground(terrain, spacing_of(site.grid(found.releases)["cell_size"])[:2], reach, speed)
+    relief = of_ground(terrain, grid_spacing(site.settings, found.releases)[:2], reach, speed)
     if relief is not None:
         found.notes.append(relief.statement())
         found.warnings += [relief.warning()] if relief.wave else []

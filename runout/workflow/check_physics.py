@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.config.friction import sampled_ranges
 from runout.config.material import OF_THE_RUN
+from runout.config.member_arguments import grid_spacing
 from runout.model.basal_strength import least_angle, sentence, strengths
 from runout.model.depth_resolution import SHARING
 
@@ -60,11 +61,10 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
 
 def least_thickness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
     """Least thickness [m] that the maps of a site as stated can show (:mod:`runout.physics.numerical_scales`)."""
-    from runout.model.limits import spacing_of
     from runout.physics.numerical_scales import least_thickness as of_particles
     from runout.release.arrangement import default_particles
 
-    x, y, z = spacing_of(site.grid(releases)["cell_size"])
+    x, y, z = grid_spacing(site.settings, releases)
     stated, basal = site.settings.simulation.particles_per_cell, site.friction.of_run({})
     count = stated or default_particles(releases, site.material(), basal, z, zones)
     in_a_cell = count if isinstance(count, int) else math.prod(count)
@@ -97,7 +97,7 @@ def least_friction(site: "Site", releases: "Sequence[Release]", zones: "Friction
 def bases_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sample] | None" = None) -> list[Bases]:
     """Friction and strength at the base of each release, for members with these parameters; for all members by default."""
     samples = samples_of(site) if samples is None else samples
-    height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
+    height = grid_spacing(site.settings, releases)[2]
     own = np.array(strengths(materials_of(site, samples), height))
     members = [site.friction.of_releases(releases, sample) for sample in samples]
     bases = []

@@ -34,6 +34,7 @@ class _Kernels:
         stated, terrain = site.settings.simulation, site.settings.terrain
         if stated.backend != "scan" or stated.device != "cpu":
             return None
+        from runout.config.site_files import may_hold_bodies
         from runout.model.scene import STANDARD_GRAVITY
 
         return cls(
@@ -42,7 +43,7 @@ class _Kernels:
             site.friction.law.example,
             stated.precision,
             bool(terrain.friction_zones or terrain.friction_rasters),
-            site.structures.possible,
+            may_hold_bodies(site.settings),
             {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed, "substeps": stated.substeps},
         )
 

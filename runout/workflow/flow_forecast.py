@@ -97,13 +97,13 @@ def least_resolved(site: "Site", members: "Sequence[Stiffness]") -> DepthResolut
 
     Flows become thinner the faster they are and the less volume they have: the fastest member of all and of the least volume count.
     """
-    samples, data = samples_of(site), site.data()
+    samples = samples_of(site)
     volumes = np.array([sample.get(VOLUME, 1.0) for sample in samples])
     speeds = np.array([one.flow_speed for one in members])
     chosen = {int(speeds.argmax()), int(np.where(volumes == volumes.min(), speeds, -1.0).argmax())}
     found = []
     for k in sorted(chosen):
-        arguments = site.member_arguments(samples[k], data)
+        arguments = site.member_arguments(samples[k])
         scene = _scene(arguments, members[k].materials)
         found.append(DepthResolution.of(depth_of_flow(arguments, members[k].flow_speed), scene, scene.stable_step(0.0)))
     return min(found, key=lambda one: one.depth)
@@ -152,7 +152,7 @@ def member_steps(site: "Site", members: "Sequence[Member]") -> list[MemberSteps]
     speeds = np.array([s.flow_speed for s in found])
     chosen = np.unique(np.argsort(speeds)[np.linspace(0, len(members) - 1, min(EXACT, len(members))).round().astype(int)])
     chosen = chosen[np.argsort(speeds[chosen])]
-    given = [site.member_arguments(members[k].parameters, data) for k in chosen]
+    given = [site.member_arguments(members[k].parameters) for k in chosen]
     flows = flows_of(given, float(speeds.max()))
     columns = np.array([[f.duration, f.path, f.share] for f in flows]).T
     between = [np.interp(speeds, speeds[chosen], column) for column in columns]

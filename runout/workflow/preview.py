@@ -63,6 +63,7 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
 
 
 def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
+    from runout.config.member_arguments import default_particles
     from runout.forecast.accuracy import lines
     from runout.forecast.numerical_error import read_convergence, require_error_bars, statements
     from runout.release.statements import statement
@@ -73,11 +74,12 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
 
     study = Study.of(site if device is None else site.on_device(device), out)
     data, grid = site.data(), site.member_arguments()
+    particles = partial(default_particles, site.settings, data)
     for release in data.releases:
         console.print(statement(release), markup=False)
     if found.resolution and not found.resolution.is_coarse:  # else a warning states it
         console.print(f"flow      about {found.resolution.statement()}", markup=False)
-    for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
+    for line in lines(site.settings.simulation.accuracy, data.releases, grid, particles):
         console.print(line, markup=False)
     if measured := read_convergence(study.results):
         size = require_error_bars(measured, study.results / "convergence.json")["levels"][-1]["cell_size"][0]

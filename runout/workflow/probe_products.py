@@ -126,6 +126,7 @@ def attributes_of(site: "Site", inputs: Sequence[Path] = ()) -> dict[str, Any]:
         name=site.name,
         folder=site.folder,
         inputs=[*site.inputs(), *inputs],
+        sha256=site.files.known.sha256,
         configuration=site.resolved(),
         seed=site.settings.ensemble.seed,
         device=site.settings.simulation.device,

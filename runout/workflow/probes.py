@@ -92,7 +92,7 @@ def run(site_path: Path | str, out: Path | None, choices: ProbeChoices, **how: A
     """
     choices.require_consistent()
     study = with_probes(Study.open(site_path, out, **how), choices)
-    probes = study.site.probes(study.terrain)
+    probes = study.site.files.probes()
     for change in probes.changes if probes else ():
         LOGGER.warning("%s", change)
     single = member_of(study.site, choices)
@@ -119,13 +119,13 @@ def _present(results: Path, picture: str) -> list[Path]:
 
 def with_probes(study: Study, choices: ProbeChoices) -> Study:
     """The study with the probes that are asked for; ConfigError if there are none."""
-    from runout.config.site_probes import probe_settings
+    from runout.config.probes import probe_settings
 
     site = study.site
     if choices.has_files:
         layers = {"points_layer": choices.points_layer, "cross_sections_layer": choices.cross_sections_layer}
         wanted = probe_settings(site.folder, choices.points, choices.cross_sections, **layers, interval=choices.interval)
-        return replace(study, site=site.with_probes(wanted))
+        return replace(study, site=site.with_settings(probes=wanted))
     if site.settings.probes is None:
         raise ConfigError(f"{site.file}: states no probes; add probes: to it, or give --points or --cross-sections")
     if choices.interval is not None:
@@ -167,7 +167,7 @@ def other_members(study: Study) -> str:
     """Sentence on members that are done but lack the series of the probes of site.yaml; empty if there are none."""
     if study.site.settings.probes is None or not study.left:
         return ""
-    without = replace(study, site=study.site.with_probes(None))
+    without = replace(study, site=study.site.with_settings(probes=None))
     count = sum(standing.state == "done" for standing in without.standings)
     if not count:
         return ""

@@ -94,4 +94,4 @@ def _shown_member(study: Study, files: "Mapping[int, Path]", dataset: "xr.Datase
 def excavation(site: "Site", sample: dict[str, float]) -> np.ndarray:
     """Depth [m] (rows, columns) of what the releases of a member take away from the ground."""
     terrain = site.terrain()
-    return np.sum([np.zeros(terrain.shape), *(release.excavation for release in site.releases(terrain, sample))], axis=0)  # type: ignore[no-any-return]
+    return np.sum([np.zeros(terrain.shape), *(release.excavation for release in site.releases(sample=sample))], axis=0)  # type: ignore[no-any-return]

@@ -14,6 +14,7 @@ import numpy as np
 
 from runout import log
 from runout.config.schema import MOST_SNAPSHOTS
+from runout.config.site_files import may_hold_bodies
 from runout.errors import ConfigError, RenderError
 from runout.view import film, process
 from runout.view.camera import stated_direction
@@ -131,12 +132,12 @@ def scene_of(site_path: Path, out: Path | None, choices: Choices) -> FlowScene:
     if choices.image is not None:
         draped_image(choices.image, terrain.extent, terrain.crs, most=64)  # refused before a simulation
     file = simulation(study, member, choices)
-    releases = site.releases(terrain, member.parameters)
+    releases = site.releases(sample=member.parameters)
     title = f"{site.settings.title or site.name}, member {member.number}"
     least = site.settings.simulation.arrival_threshold
     shown: dict[str, Any] = {"count": choices.frames, "title": title, "least_thickness": least, "meshes": structure_meshes(site)}
     scene = flow_scene(file, terrain, releases, **shown)
-    if site.structures.possible:
+    if may_hold_bodies(site.settings):
         scene = on_structures(scene, structure_spans(site, scene))
     if choices.image is not None:
         scene = replace(scene, image=draped_image(choices.image, scene.extent, scene.crs))
@@ -149,7 +150,8 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
     from runout.workflow import single_member
 
     wanted = choices.frames or 1
-    drawn = choices.show == "particles" or study.site.structures.possible  # particles say whether a flow is on a roof or below it
+    # particles say whether a flow is on a roof or below it
+    drawn = choices.show == "particles" or may_hold_bodies(study.site.settings)
     own = simulation_file(study.results, member.number)
     for file in (own, member.file(study.results)):
         found = held(file)
@@ -167,10 +169,10 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
 
 def structure_meshes(site: "Site") -> Mapping[str, Mesh]:
     """Structures of a site by name, in map coordinates."""
-    if not site.structures.possible:
+    if not may_hold_bodies(site.settings):
         return {}
     terrain = site.terrain()
-    return {solid.name: (terrain.frame.to_map(solid.vertices), solid.faces) for solid in site.structures.bodies(terrain).solids}
+    return {solid.name: (terrain.frame.to_map(solid.vertices), solid.faces) for solid in site.files.bodies().solids}
 
 
 def structure_spans(site: "Site", scene: FlowScene) -> list[Span]:
@@ -180,7 +182,7 @@ def structure_spans(site: "Site", scene: FlowScene) -> list[Span]:
     terrain, found = site.terrain(), []
     easting, northing = np.meshgrid(scene.easting, scene.northing)
     places = terrain.frame.to_local(np.stack([easting, northing], axis=-1).reshape(-1, 2))
-    for solid in site.structures.bodies(terrain).solids:
+    for solid in site.files.bodies().solids:
         over = ((places >= solid.box[0, :2]) & (places <= solid.box[1, :2])).all(axis=1)
         span = np.full((2, len(places)), np.nan)
         span[:, over] = vertical_span(solid, places[over]).T

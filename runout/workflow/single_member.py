@@ -52,7 +52,8 @@ def run(
         If there is no such member, a number of snapshots or particles is negative, the cell size is out of range, or the device
         does not exist.
     """
-    from runout.config.site import even_times
+    from runout.config.member_arguments import even_times
+    from runout.config.overrides import with_cell_size
     from runout.ensemble.work_log import log_work
     from runout.io.atomic import whole_file
     from runout.simulation.single import simulate
@@ -60,7 +61,7 @@ def run(
     study = Study.open(site_path, out, device=device)
     site, overrides = study.site, {} if cell_size is None else {"cell_size": list(cell_size)}
     if cell_size is not None:
-        site = site.with_cell_size(cell_size)
+        site = site.with_settings(simulation=with_cell_size(site.settings.simulation, cell_size))
     chosen = chosen_member(site, member)
     if snapshots < 0:
         raise ConfigError(f"snapshots is {snapshots}; it must be 0 or more")
@@ -112,6 +113,7 @@ def _attributes(site: "Site", member: "Member", overrides: dict[str, list[float]
         name=site.name,
         folder=site.folder,
         inputs=site.inputs(),
+        sha256=site.files.known.sha256,
         configuration=site.resolved(),
         seed=member.seed,
         device=site.settings.simulation.device,

@@ -82,7 +82,7 @@ def _scene(study: Study, number: int, file: str) -> "FlowScene":
     site = study.site
     terrain, member = site.terrain(), plan_members(site, study.results)[number]
     return maximum_scene(
-        members_folder(study.results) / file, terrain, site.releases(terrain, member.parameters),
+        members_folder(study.results) / file, terrain, site.releases(sample=member.parameters),
         title=f"{site.settings.title or site.name}, member {number}",
         least_thickness=site.settings.simulation.arrival_threshold, meshes=structure_meshes(site),
     ).coarsened()  # fmt: skip

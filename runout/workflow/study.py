@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.io.fingerprint import Unchanged
-from runout.io.known_files import KnownFiles
 from runout.io.places import require_own_results
 from runout.io.provenance import checksum
 from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
@@ -84,7 +83,7 @@ class Study:
         """The study of a site; its results go to ``out``, or to ``results`` of the site."""
         results = Path(out) if out else site.folder / "results"
         require_own_results(results)
-        return cls(site.with_same_inputs(known=KnownFiles(results / "inputs.json")), results)
+        return cls(replace(site, files=site.files.recorded_in(results / "inputs.json")), results)
 
     @cached_property
     def record(self) -> StageRecord:
@@ -96,13 +95,16 @@ class Study:
         """Checksum of all input files at the first access."""
         self._watched = Unchanged(self.site.inputs())
         names = (path.name for path in self._watched.seen)
-        return checksum([list(zip(names, self.site.checksums(), strict=True))])
+        return checksum([list(zip(names, self.site.files.checksums(), strict=True))])
 
     @cached_property
     def observations(self) -> list[tuple[str, str]]:
         """Names and checksums of the files of the observations at the first access; maps and scores depend on them."""
-        self._watched_observations = Unchanged([*self.site.observed.paths(), *self.site.structures.protected()])
-        return self.site.observation_checksums()
+        from runout.config.site_files import OF_PRODUCTS
+
+        paths = self.site.files.paths(*OF_PRODUCTS)
+        self._watched_observations = Unchanged(paths)
+        return list(zip((path.name for path in paths), self.site.files.checksums(*OF_PRODUCTS), strict=True))
 
     def require_inputs(self) -> None:
         """Raise InputError if an input has changed since the first access to :attr:`inputs` or :attr:`observations`."""
@@ -222,7 +224,7 @@ class Study:
         from runout.ensemble.member import store_design
 
         store_design(self.site, self.results)
-        self.site.known.save()
+        self.site.files.known.save()
 
     def key(self, stage: Stage) -> str:
         """Key of a stage for the present state of the site and its members."""

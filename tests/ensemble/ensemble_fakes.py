@@ -43,6 +43,10 @@ class FakeSite:
     def inputs(self):
         return [self.folder / "dem.txt"]
 
+    @property
+    def files(self):
+        return SimpleNamespace(checksums=self.checksums)
+
     def checksums(self):
         try:
             return [sha256(path) for path in self.inputs()]

@@ -40,8 +40,9 @@ class SlopeSite:
     def inputs(self):
         return []
 
-    def checksums(self):
-        return []
+    @property
+    def files(self):
+        return SimpleNamespace(checksums=list)
 
     def resolved(self):
         return {"simulation": {"cell_size": 5.0}}
@@ -55,8 +56,8 @@ class SlopeSite:
     def data(self):
         return SiteData(self.terrain(), (), None)
 
-    def member_arguments(self, sample, data=None):
-        terrain = (data or self.data()).terrain
+    def member_arguments(self, sample):
+        terrain = self.terrain()
         thickness = np.zeros(terrain.shape)
         thickness[6:10, 4:8] = 5.0
         return {

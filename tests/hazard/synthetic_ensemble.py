@@ -9,10 +9,11 @@ import pandas as pd
 import pyproj
 import shapely
 
-from runout.config.site_observations import SiteObservations
+from runout.config.stated_at import Reading
 from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.member_maps import RASTER, cut_to_reached
+from runout.io.provenance import sha256
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 
@@ -95,30 +96,25 @@ class FakeSite:
         """The terrain of the members."""
         return make_terrain(self.crs)
 
-    def releases(self, terrain: Terrain) -> list[Release]:
+    def releases(self) -> list[Release]:
         """A block in the north-west."""
         thickness = np.zeros(SHAPE)
         thickness[2:5, 6:10] = 5.0
-        return [Release(thickness, terrain, name="scar")]
-
-    def friction_zones(self, terrain: Terrain) -> None:
-        """None."""
-
-    def probes(self, terrain: Terrain) -> None:
-        return None
-
-    def obstacles(self, terrain: Terrain) -> list:
-        """A dam of 4 m south of the release."""
-        return [(shapely.box(WEST + 60.0, SOUTH + 200.0, WEST + 120.0, SOUTH + 240.0), 4.0)]
+        return [Release(thickness, self.terrain(), name="scar")]
 
     @property
-    def observed(self) -> SiteObservations:
-        """None."""
-        return SiteObservations(None, self.folder / "site.yaml")
-
-    def inputs(self) -> list[Path]:
-        """The elevation raster."""
-        return [self.folder / "inputs" / "dem.tif"]
+    def files(self) -> SimpleNamespace:
+        """An elevation raster, and a dam of 4 m south of the release."""
+        dam = SimpleNamespace(parts=[(shapely.box(WEST + 60.0, SOUTH + 200.0, WEST + 120.0, SOUTH + 240.0), 4.0)])
+        return SimpleNamespace(
+            zones=lambda: None,
+            probes=lambda: None,
+            obstacles=lambda: [dam],
+            observations=lambda: Reading(None),
+            may_hold_bodies=False,
+            paths=lambda *_: [self.folder / "inputs" / "dem.tif"],
+            known=SimpleNamespace(sha256=sha256),
+        )
 
     def resolved(self) -> dict:
         """A plain configuration."""

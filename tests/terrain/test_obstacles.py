@@ -10,7 +10,7 @@ import shapely
 from runout import Terrain
 from runout.errors import DemError
 from runout.io.polygon_coverage import within_extent
-from runout.terrain.obstacles import narrowest
+from runout.terrain.obstacles import build
 
 WEST, SOUTH, CELL = 600_000.0, 5_200_000.0, 10.0
 
@@ -49,7 +49,7 @@ def test_an_attribute_raises_one_and_lowers_the_other(flat, drawn):
     ground = flat.with_obstacles(path, height="up")
     assert (ground.elevation.max(), ground.elevation.min()) == pytest.approx((105.0, 97.0))
     assert "by -3 to 5 m" in ground.changes[-1]
-    assert narrowest(flat, path) == pytest.approx(2 * 20.0 * 40.0 / 120.0)
+    assert build(flat, path, "up")[1].narrowest == pytest.approx(2 * 20.0 * 40.0 / 120.0)
 
 
 def test_what_cannot_be_an_obstacle_is_refused(flat, drawn):
@@ -68,7 +68,7 @@ def test_slivers_of_an_overlay_change_nothing_and_are_no_narrow_obstacle(flat, d
     dam = flat.with_obstacles(path, "up")
     assert (dam.elevation - 100.0).sum() * CELL**2 == pytest.approx(800.0 * 3.0)
     assert any("1 slivers below 0.001 cells of the terrain are left out, 0.04 m2 in all" in change for change in dam.changes)
-    assert narrowest(flat, path) == pytest.approx(2 * 20.0 * 40.0 / 120.0)
+    assert build(flat, path, "up")[1].narrowest == pytest.approx(2 * 20.0 * 40.0 / 120.0)
 
 
 def test_an_obstacle_that_leaves_the_terrain_is_built_in_the_part_on_it(flat, tmp_path):

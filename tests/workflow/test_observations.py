@@ -211,8 +211,8 @@ def test_keys_of_observations_are_checked_with_the_others(tmp_path):
 
 def test_a_site_without_observations_has_none(finished_site):
     site = runout.read_site(finished_site[0])
-    assert site.observed.read(site.terrain()) is None
-    assert site.observed.paths() == []
+    assert site.files.observations().require() is None
+    assert site.files.paths("observations") == []
     assert "observations" not in json.loads((finished_site[0] / "results" / "run.json").read_text())
 
 
@@ -221,7 +221,7 @@ def test_a_deposit_normal_to_the_slope_becomes_vertical(tmp_path):
     folder = write_site(tmp_path / "ramp", text)
     write_raster(folder / "inputs" / "deposit.tif", np.ones((24, 50)))
     site = runout.read_site(folder)
-    observed = site.observed.read(site.terrain())
+    observed = site.files.observations().require()
     assert observed.deposit[12, 10] == pytest.approx(1 / np.cos(np.radians(30)))
     assert observed.deposit[12, 40] == pytest.approx(1.0)
 
@@ -232,14 +232,14 @@ def test_polygons_that_cross_themselves_are_no_thalweg(tmp_path):
     write_vector(folder / "inputs" / "thalweg.gpkg", [shapely.Polygon(corners), shapely.Polygon(corners[::-1])])
     site = runout.read_site(folder)
     with pytest.raises(ObservationError, match=r"holds 2 features \(Polygon\); a thalweg is one line"):
-        site.observed.read(site.terrain())
+        site.files.observations().require()
 
 
 def test_a_thalweg_drawn_uphill_is_turned_and_said_so(tmp_path):
     folder = write_site(tmp_path / "ramp", SITE + "observations: {thalweg: {line: inputs/thalweg.gpkg}}\n")
     write_vector(folder / "inputs" / "thalweg.gpkg", [shapely.LineString([(WEST + 490, NORTH), (WEST + 50, NORTH)])])
     site = runout.read_site(folder)
-    observed = site.observed.read(site.terrain())
+    observed = site.files.observations().require()
     assert isinstance(observed.thalweg, Thalweg)
     assert observed.thalweg.points[0, 0] < observed.thalweg.points[-1, 0]
     assert "the line runs uphill, from 3.0" in " ".join(observed.changes) or "it is read from its other end" in observed.changes[0]
@@ -252,7 +252,7 @@ CASCADES = Path(os.environ.get("RUNOUT_DATA", "none")) / "cascades_2021_landlab"
 def test_the_dem_of_difference_of_cascades_is_that_of_its_source():
     site = runout.read_site(Path(__file__).parents[2] / "sites" / "cascades_2021")
     terrain = site.terrain()
-    observed = site.observed.read(terrain)
+    observed = site.files.observations().require()
     lowered = -np.minimum(observed.change, 0).sum() * terrain.cell_area
     raised = np.maximum(observed.change, 0).sum() * terrain.cell_area
     assert (lowered, raised) == (pytest.approx(26_407, abs=1), pytest.approx(22_543, abs=1))

@@ -84,14 +84,12 @@ class FakeSite:
     def inputs(self):
         return [self.folder / "dem.asc"]
 
-    def checksums(self):
-        return [sha256(path) for path in self.inputs()]
+    def checksums(self, *parts):
+        return [] if parts else [sha256(path) for path in self.inputs()]
 
-    observed = SimpleNamespace(paths=list)
-    structures = SimpleNamespace(protected=list)
-
-    def observation_checksums(self):
-        return []
+    @property
+    def files(self):
+        return SimpleNamespace(paths=lambda *parts: [], checksums=self.checksums)
 
     def resolved(self):
         return self.sections

@@ -18,9 +18,9 @@ def write(products: Products) -> list[Path]:
         products.releases,
         hazard["inundation_probability"].values,
         attributes={"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | products.ensemble.counts(),
-        zones=site.friction_zones(terrain),
-        obstacles=site.obstacles(terrain),
+        zones=site.files.zones(),
+        obstacles=[part for obstacles in site.files.obstacles() for part in obstacles.parts],
         styles=outline_styles(),
-        further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.probes(terrain))},
+        further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())},
     )
     return [path]
