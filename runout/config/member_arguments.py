@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 Sample = Mapping[str, float]  # sampled parameters by name
 ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besides the parameters
 OF_SIMULATION = (  # settings that are arguments under the same name
-    *("end_time", "backend", "device", "precision", "cfl", "transfer", "flip_ratio", "f_bar", "sleep_speed", "substeps", "initial_stress"),
+    *("end_time", "backend", "device", "precision", "cfl", "transfer", "flip_ratio", "f_bar", "sleep_speed", "substeps"),
+    "initial_stress",
     "arrival_threshold",
 )
 
