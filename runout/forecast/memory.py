@@ -104,7 +104,7 @@ def available_bytes() -> float | None:
 def expected_memory(
     extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False,
     structures: Structures | None = None, friction: BasalFriction | FrictionLaw | None = None,
-    host_bytes: Callable[..., int] = bytes_on_host,
+    host_bytes: Callable[..., int] = bytes_on_host, substeps: int = 1,
 ) -> MemoryForecast:  # fmt: skip
     """Forecast for a backend, by default scan.
 
@@ -123,6 +123,8 @@ def expected_memory(
         The law on the ground.
     host_bytes : callable
         Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
+    substeps : int
+        Most of a transfer; they take memory on a GPU.
 
     Raises
     ------
@@ -135,7 +137,7 @@ def expected_memory(
     field = structures.field if structures else None
     if on_device:
         sizes = extent.particles, extent.nodes_on_device
-        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed)
+        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed, substeps)
         return MemoryForecast(backend, host, True)
     counts = extent.particles, extent.held, extent.owners, extent.nodes
     backend = host_bytes(*counts, precision, transfer, f_bar, friction)

@@ -158,7 +158,7 @@ def simulate(
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, friction_zones=friction_zones,
         initial_stress=initial_stress, basal_friction=basal_friction, structures=named, accept=lambda extent: require_memory(
             expected_memory(
-                extent, terrain.elevation.size, precision, engine, transfer, f_bar, named, basal_friction
+                extent, terrain.elevation.size, precision, engine, transfer, f_bar, named, basal_friction, substeps=substeps
             ), engine, memory_gb,
         ), in_chunks=True,
     )  # fmt: skip

@@ -206,7 +206,8 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
         cells, ways = arguments["terrain"].elevation.size, (arguments["transfer"], arguments["f_bar"])
         has = named_structures(arguments.get("structures")), arguments.get("basal_friction")
         engine = None if arguments["device"] == "cpu" else engine_for(arguments)
-        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, *has, host_bytes=_noted_bytes))
+        more = {"host_bytes": _noted_bytes, "substeps": arguments["substeps"]}
+        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, *has, **more))
         raise _Fits
 
     arguments = site.member_arguments(member.parameters)

@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.deform import _deform, _slopes
+from runout.backends.hash.deform import _deform, _deform_on_way, _slopes
 from runout.backends.hash.gradients import _deform_by_rates, _load_given
 from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, Home, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
@@ -30,6 +30,7 @@ from runout.backends.hash.layout import (
     PENDING,
     PLACES,
     SECTOR,
+    SUBSTEPPED,
     UNSTABLE,
     WARP,
     WIDE_TILE,
@@ -134,6 +135,11 @@ def _rates(dt: Any, h: Vector):
     return vec(dt / h[0], dt / h[1], dt / h[2])
 
 
+def _cells_of(way: Vector, h: Vector):
+    """Cells of a way [m]."""
+    return vec(way[0] / h[0], way[1] / h[1], way[2] / h[2])
+
+
 def _write_place(rec: Rows, p: int, f: Vector, new: int):
     """Offset of a particle from its cell, or from the one that it keeps."""
     for d in range(3):
@@ -223,11 +229,15 @@ def grid_to_particles(
         ahead = int(wp.min(first, last - 1) & NOT_NEGATIVE)
         meet()  # lanes still at the piece before
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
-        _load_wide(tile, grid.nodes, blocks.around, b, lane)
+        _load_wide(tile, grid.nodes, blocks.around, b, lane, 0)
         room = wp.tile_empty(shape=ROOM, dtype=real, storage="shared")
         stage(room, particles.rec, ahead, 0, lane)
         scene = blocks.member[b] & NOT_NEGATIVE
         dt = scenes.clock[scene, 0]
+        if SUBSTEPPED:
+            dt = wp.abs(dt)  # a scene with fewer substeps has waited
+            ways = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
+            _load_wide(ways, grid.nodes, blocks.around, b, lane, 1)
         slopes = _slopes(dt, constants.h)
         if GRADIENT_TRANSFER:
             seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
@@ -262,10 +272,17 @@ def grid_to_particles(
                         )
                         fastest = wp.max(fastest, dot(own, own))
                     else:
-                        f, v, work = _deform(particles.rec, p, room, staged, tile, corner, mat, slopes)
+                        if SUBSTEPPED:
+                            f, v, way, work = _deform_on_way(
+                                particles.rec, p, room, staged, tile, ways, corner, mat, slopes, _slopes(real(1.0), constants.h)
+                            )
+                        else:
+                            f, v, work = _deform(particles.rec, p, room, staged, tile, corner, mat, slopes)
                         fastest = wp.max(fastest, dot(v, v))
                     lost += wp.float64(work)
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
+                    if SUBSTEPPED:
+                        moves += _cells_of(way, constants.h)
                     new = _moved(status, particles, blocks, home, p, f, moves, cell, k)
                 _enter_cell(status, particles, blocks, p, new, k)
         if dt > real(0.0):
