@@ -164,7 +164,6 @@ def _stages(site: Path, stages: Sequence[str], session: Session, **choices: Any)
     return hazard_map.run(site, session.out, stages, **choices).exit_code
 
 
-SHORT = (check, run, terrain, release, ensemble, hazard, report, status)  # unless a stage is made, they import more than they work
 COMMANDS: tuple[Callable[..., int], ...] = (
     *(new, check, run),
     *(terrain, release, ensemble, hazard, report),
