@@ -1,6 +1,5 @@
 """Entry point of the command ``runout``. From here on a signal ends the process with one line, also during imports."""
 
-import gc
 import os
 import sys
 
@@ -13,7 +12,6 @@ def main() -> int:
     end_at_once()
     begin()
     _restart_in_utf8()
-    gc.disable()  # imports leave no garbage to look for; it is enabled before work that takes longer
     from runout.cli import main as command
     from runout.processes.without_dask import hide_dask
 

@@ -1,6 +1,5 @@
 """The command ``runout``: parses arguments and delegates."""
 
-import gc
 import inspect
 import logging
 import sys
@@ -54,8 +53,6 @@ def launch(
         return _printed(command, bound)
     log.to_terminal(session.verbosity)
     sys.excepthook = partial(_unexpected, session)
-    if not TRAITS[command].short:
-        gc.enable()
     if "session" in injected:
         bound.arguments["session"] = session
     require_places(command, bound.arguments, out)

@@ -16,11 +16,11 @@ Value = TypeVar("Value")
 
 def content_key(*arrays: np.ndarray) -> bytes:
     """Checksum of types, shapes and values."""
-    digest = hashlib.blake2b(digest_size=32)
+    found = hashlib.blake2b(digest_size=32)
     for values in map(np.ascontiguousarray, arrays):
-        digest.update(repr((values.dtype.str, values.shape)).encode())
-        digest.update(values.tobytes())
-    return digest.digest()
+        found.update(repr((values.dtype.str, values.shape)).encode())
+        found.update(values.tobytes())
+    return found.digest()
 
 
 @dataclass

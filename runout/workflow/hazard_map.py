@@ -1,6 +1,5 @@
 """The main workflow: terrain -> release -> ensemble -> hazard -> report; stages that are up to date are skipped."""
 
-import gc
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -203,7 +202,6 @@ def _inspected(site: "Site | Path") -> None:
 
 def _make(study: Study, stage: Stage) -> None:
     """Run a stage. It is not in the record while it runs, nor after it was killed; a range of members never is."""
-    gc.enable()
     if study.part is not None:
         make_members(study)
         study.require_inputs()

@@ -1,6 +1,5 @@
 """The command line starts quickly and says clearly what is wrong."""
 
-import gc
 import json
 import logging
 import subprocess
@@ -160,17 +159,3 @@ def test_a_colon_beside_a_number_stays_text(console):
 def test_no_thread_and_no_worker_are_refused_before_anything_runs(option, tmp_path, capsys):
     assert cli.main(["run", str(tmp_path), option, "0"]) == ExitCode.CONFIGURATION
     assert f"{option}" in capsys.readouterr().err
-
-
-@pytest.fixture
-def no_collection():
-    """Garbage collection is off, as where the process of a command starts."""
-    gc.disable()
-    yield
-    gc.enable()
-
-
-@pytest.mark.parametrize(("command", "enabled"), [("check", False), ("status", False), ("run", False), ("simulate", True)])
-def test_garbage_is_collected_by_commands_that_work(command, enabled, tmp_path, no_collection, capsys):
-    assert cli.main([command, str(tmp_path / "nowhere")]) == ExitCode.CONFIGURATION
-    assert gc.isenabled() is enabled
