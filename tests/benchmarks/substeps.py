@@ -5,8 +5,9 @@
 
 Sites are the flows of `error_cases/terrains.py`, 60 s each. Errors are the relative L1 of the map of largest thickness and of the
 deposit at 60 s against the finest grid with four substeps, and the lag of its centre [m]; the difference between one and four
-substeps on the finest grid is stated beside them. Times are processor times on one thread, of the host with a GPU. Runs are kept in OUT, so that a second
-call only writes the record. Writes substeps.json; copy it to tests/benchmarks/records/, then run `python -m docs.pages`.
+substeps on the finest grid is stated beside them. Times are processor times on one thread (of the host, with a GPU). Runs are kept
+in OUT, so that a second call only writes the record. Writes substeps.json; copy it to tests/benchmarks/records/, then run
+`python -m docs.pages`.
 """
 
 import argparse
