@@ -31,14 +31,17 @@ from runout.backends.hash.layout import (
     PLACES,
     SECTOR,
     SUBSTEPPED,
+    TWO_LAYERS,
     UNSTABLE,
     WARP,
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
     Materials,
+    Nodes,
     Rows,
     Table2,
+    Tile,
     Vector,
     lane_count,
     node4,
@@ -135,11 +138,6 @@ def _rates(dt: Any, h: Vector):
     return vec(dt / h[0], dt / h[1], dt / h[2])
 
 
-def _cells_of(way: Vector, h: Vector):
-    """Cells of a way [m]."""
-    return vec(way[0] / h[0], way[1] / h[1], way[2] / h[2])
-
-
 def _write_place(rec: Rows, p: int, f: Vector, new: int):
     """Offset of a particle from its cell, or from the one that it keeps."""
     for d in range(3):
@@ -189,6 +187,28 @@ def _release_at(particles: ParticleGroup, constants: Constants, p: int):
     return release
 
 
+def _load_more(more: Tile, grid: Nodes, around: Table2, b: int, lane: int, keeps: Any):
+    """Load the second layer of the nodes around a block: what particles gave, or ways."""
+    if GRADIENT_TRANSFER:
+        _load_given(more, grid, around, b, lane, keeps)
+    if SUBSTEPPED:
+        _load_wide(more, grid, around, b, lane, 1)
+
+
+def _deform_by_two(
+    particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, room: Tile, staged: int, tile: Tile, more: Tile,
+    corner: int, mat: Any, slopes: Any, rates: Vector, scene: int,
+):  # fmt: skip
+    """As ``_deform`` from two layers of the nodes; returns the velocity that moves a particle in a step, and then its own."""
+    if GRADIENT_TRANSFER:
+        f, v, own, work = _deform_by_rates(particles, scenes, constants, p, room, staged, tile, more, corner, mat, rates, scene)
+    if SUBSTEPPED:
+        of_way = _slopes(real(1.0), constants.h)
+        f, own, way, work = _deform_on_way(particles.rec, p, room, staged, tile, more, corner, mat, slopes, of_way)
+        v = own + way / scenes.clock[scene, 0]
+    return f, v, own, work
+
+
 def _moved(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, home: Home, p: int, f: Vector, moves: Vector, cell: wp.vec3i,
     k: int,
@@ -234,14 +254,10 @@ def grid_to_particles(
         stage(room, particles.rec, ahead, 0, lane)
         scene = blocks.member[b] & NOT_NEGATIVE
         dt = scenes.clock[scene, 0]
-        if SUBSTEPPED:
-            dt = wp.abs(dt)  # a scene with fewer substeps has waited
-            ways = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
-            _load_wide(ways, grid.nodes, blocks.around, b, lane, 1)
         slopes = _slopes(dt, constants.h)
-        if GRADIENT_TRANSFER:
-            seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
-            _load_given(seen, grid.nodes, blocks.around, b, lane, scenes.clock[scene, KEPT])
+        if TWO_LAYERS:
+            more = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
+            _load_more(more, grid.nodes, blocks.around, b, lane, scenes.clock[scene, KEPT])
         rates = _rates(dt, constants.h)
         home = _home(blocks, scenes, b, scene)
         fastest, lost = real(0.0), wp.float64(0.0)
@@ -266,23 +282,16 @@ def grid_to_particles(
                     cell = _cell_from_home(home, k, blocks.coordinates)
                     mat = mats[release]
                     corner = ((cell[0] + 1) * WIDE_X + (cell[1] + 1) * WIDE_Y + cell[2] + 1) & PLACES
-                    if GRADIENT_TRANSFER:
-                        f, v, own, work = _deform_by_rates(
-                            particles, scenes, constants, p, room, staged, tile, seen, corner, mat, rates, scene
+                    if TWO_LAYERS:
+                        f, v, own, work = _deform_by_two(
+                            particles, scenes, constants, p, room, staged, tile, more, corner, mat, slopes, rates, scene
                         )
                         fastest = wp.max(fastest, dot(own, own))
                     else:
-                        if SUBSTEPPED:
-                            f, v, way, work = _deform_on_way(
-                                particles.rec, p, room, staged, tile, ways, corner, mat, slopes, _slopes(real(1.0), constants.h)
-                            )
-                        else:
-                            f, v, work = _deform(particles.rec, p, room, staged, tile, corner, mat, slopes)
+                        f, v, work = _deform(particles.rec, p, room, staged, tile, corner, mat, slopes)
                         fastest = wp.max(fastest, dot(v, v))
                     lost += wp.float64(work)
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
-                    if SUBSTEPPED:
-                        moves += _cells_of(way, constants.h)
                     new = _moved(status, particles, blocks, home, p, f, moves, cell, k)
                 _enter_cell(status, particles, blocks, p, new, k)
         if dt > real(0.0):

@@ -214,7 +214,8 @@ def _kernels_of(
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
     names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
     names |= {"GRADIENT_TRANSFER": what.gradient_transfer, "SUBSTEPPED": what.substepped}
-    names |= {"COUNTED_AT_ONCE": not (what.gradient_transfer or what.substepped), "LIMITS_START": area and not what.substepped}
+    two_layers = what.gradient_transfer or what.substepped
+    names |= {"TWO_LAYERS": two_layers, "COUNTED_AT_ONCE": not two_layers, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
     needed = {"slow_nodes": drags, "slow_columns": drags and ordered, "find_contacts": area or not what.substepped}

@@ -104,6 +104,9 @@ def close_step(
     if status.flags[HALT] != 0:
         return
     _close_scene(status, scenes, t)
+    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if t < scenes.left.shape[0]:
+            scenes.clock[t, 0] = wp.abs(scenes.clock[t, 0])  # a scene with fewer substeps has waited
     if b >= status.tally[BLOCKS]:
         return
     blocks.ends[_cell_entry(t)] = 0
