@@ -51,7 +51,10 @@ def assert_alike(found, alone):
     assert [f.tobytes() for f in found.particle_frames] == [f.tobytes() for f in alone.particle_frames]
 
 
-@pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
+WAYS = {"packed": {}, "substeps": {"substeps": 4}, "aflip with F-bar": {"transfer": "aflip", "f_bar": True}}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
     told, scenarios = [], [arguments | way for arguments in SCENARIOS]
     found = dict(simulate_batch(scenarios, device=HASH_DEVICE, progress=lambda number, fraction: told.append((number, fraction))))

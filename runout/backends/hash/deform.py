@@ -139,17 +139,19 @@ def _deform_on_way(
 
 
 def _strain_in_place(
-    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any
+    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any, gone: int
 ):  # fmt: skip
     """Law of a particle that stays, in a further substep, from the nodes at ``first`` of tiles of 6 x 6 x 6.
 
-    Returns its offset, velocity [m/s], way [m] before the substep, columns of the impulse of its new stress, and dissipated energy
-    [J].
-    """
+    XX"""
     _m, volume, history, B, f = _particle_of(room, staged)
     v, x, y, z = _gather(f, tile, first, 36, 6)
-    way, ux, uy, uz = _gather(f, ways, first, 36, 6)
-    moved = velocity_gradient(ux, uy, uz, of_way)
+    way = vec(real(0.0), real(0.0), real(0.0))
+    moved = velocity_gradient(way, way, way, of_way)
+    if gone != 0:
+        u, ux, uy, uz = _gather(f, ways, first, 36, 6)
+        way = u * real(1.0)
+        moved = velocity_gradient(ux, uy, uz, of_way)
     rate = velocity_gradient(x, y, z, slopes)
     B, log, history, work = law_update(B, present_gradient(rate, inverse_deformation(moved)), history, mat)
     stress = stress_at_start(kirchhoff_stress(log, mat), inverse_deformation(moved + rate))

@@ -81,12 +81,13 @@ def _open_substep(scenes: SceneGroup, s: int, turn: int):
 
 
 def _load_motion(velocities: Tile, ways: Tile, grid: GridGroup, blocks: BlockGroup, bases: Tile, lane: int, turn: int):
-    """Copy velocity and way of the nodes that the particles of a block reach; ways are zero in the first further substep."""
+    """Copy velocity and way of the nodes that the particles of a block reach; ways are none in the first further substep."""
     layer = 64 * blocks.up.shape[0]
     for t in range(lane, TILE, lane_count()):
         node = _node(bases, t)
         stage_node(velocities, t, grid.nodes, node)
-        stage_node(ways, t, grid.nodes, wp.where(turn > FIRST, node + layer, -1))
+        if turn > FIRST:
+            stage_node(ways, t, grid.nodes, node + layer)
     arrive()
 
 
@@ -145,7 +146,7 @@ def _sum_held(held: Tile, begin: int, last: int):
 
 def _strain_some(
     particles: ParticleGroup, contacts: ContactGroup, constants: Constants, mats: Materials, beside: Ints, room: Tile,
-    velocities: Tile, ways: Tile, held: Tile, b: int, begin: int, end: int, lane: int, dt: Any,
+    velocities: Tile, ways: Tile, held: Tile, b: int, begin: int, end: int, lane: int, dt: Any, gone: int,
 ):  # fmt: skip
     """Strain the particles at some places of the list, and hold their impulses; returns the energy [J] that they lose."""
     slopes = _slopes(dt, constants.h)
@@ -166,7 +167,7 @@ def _strain_some(
         if n + lane_count() < end:
             stage(room, particles.rec, ahead, turn, lane)
         f, v, way, push, work = _strain_in_place(
-            particles.rec, p, room, staged, velocities, ways, _first_node(c), mat, slopes, of_way
+            particles.rec, p, room, staged, velocities, ways, _first_node(c), mat, slopes, of_way, gone
         )
         _hold_push(held, n - begin, f, push)
         lost += wp.float64(work)
@@ -209,8 +210,9 @@ def strain_in_place(
             for first in range(blocks.cstart[b, 0], last, MANY):
                 end = wp.min(first + MANY, last)
                 lost += _strain_some(
-                    particles, contacts, constants, mats, beside, room, velocities, ways, held, b, first, end, lane, scenes.steps[s]
-                )
+                    particles, contacts, constants, mats, beside, room, velocities, ways, held, b, first, end, lane,
+                    scenes.steps[s], turn - FIRST,
+                )  # fmt: skip
                 meet()
                 for c in range(lane, CELL_LANES, lane_count()):
                     begins = wp.max(blocks.cstart[b, c], first) - first
