@@ -39,6 +39,11 @@ Task = tuple[str, float, int, int]
 ENGINE = {"backend": "scan", "device": "cpu"}
 
 
+def choose(engine: dict[str, str]) -> None:
+    """Make the runs of this process with a backend and device."""
+    ENGINE.update(engine)
+
+
 def run(folder: Path, task: Task) -> dict[str, Any]:
     """Maps and cost of a run, from the folder if they are there."""
     import runout
@@ -97,7 +102,7 @@ def main() -> None:
     finest = [(s, CELLS[s][-1], k, 0) for s in chosen.sites for k in (OF_REFERENCE, 1)]
     everything = sorted({*tasks, *finest}, key=lambda t: t[1] / CELLS[t[0]][-1])
     engine = {"backend": chosen.backend, "device": chosen.device}
-    with ProcessPoolExecutor(chosen.processes, get_context("spawn"), ENGINE.update, (engine,)) as pool:
+    with ProcessPoolExecutor(chosen.processes, get_context("spawn"), choose, (engine,)) as pool:
         found = dict(zip(everything, pool.map(run, [chosen.out] * len(everything), everything), strict=True))
     rows = [row(t, found[t], found[t[0], CELLS[t[0]][-1], OF_REFERENCE, 0]) for t in everything if t not in finest[::2]]
     rows.sort(key=lambda r: (r["site"], -r["cell"], r["substeps"], r["seed"]))
