@@ -244,22 +244,23 @@ def resume_nodes(
         status.tally[TOUCHED] = 0
     if b >= status.tally[BLOCKS]:
         return
-    layer = 64 * blocks.up.shape[0]
-    dt = scenes.clock[blocks.member[b], 0]
-    way = node4()
-    if turn > FIRST:
-        way = node_at(grid.nodes, t + layer)
-    if dt > real(0.0):
-        g = node_at(grid.nodes, t)
-        way += dt * g
-        push = node4()
-        if ORDERED:
-            push = _sum_arenas(blocks, grid, grid.held, t)
-        else:
-            push = node_at(grid.nodes, t + 2 * layer)
-            put_node(grid.nodes, t + 2 * layer, node4())
-        put_node(grid.nodes, t, node4(g[0], g[0] * g[1] + push[1], g[0] * g[2] + push[2], g[0] * g[3] + push[3]))
-    put_node(grid.nodes, t + layer, way)
+    g = node_at(grid.nodes, t)
+    if g[0] > real(0.0):
+        layer = 64 * blocks.up.shape[0]
+        dt = scenes.clock[blocks.member[b], 0]
+        way = node4()
+        if turn > FIRST:
+            way = node_at(grid.nodes, t + layer)
+        if dt > real(0.0):
+            way += dt * g
+            push = node4()
+            if ORDERED:
+                push = _sum_arenas(blocks, grid, grid.held, t)
+            else:
+                push = node_at(grid.nodes, t + 2 * layer)
+                put_node(grid.nodes, t + 2 * layer, node4())
+            put_node(grid.nodes, t, node4(g[0], g[0] * g[1] + push[1], g[0] * g[2] + push[2], g[0] * g[3] + push[3]))
+        put_node(grid.nodes, t + layer, way)
     if ground.grounded[b] >= 0:
         put_node(contacts.memory, ground.grounded[b] * CELL_LANES + (t & 63), node4())
     if t & 63 == 0:
