@@ -14,7 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
 from typing import Any, Generic, TypeVar
 
-from runout.processes.without_dask import show_dask
+from runout.processes.imports import show_dask
 
 Entry = TypeVar("Entry")
 
