@@ -13,7 +13,7 @@ def main() -> int:
     begin()
     _restart_in_utf8()
     from runout.cli import main as command
-    from runout.processes.without_dask import hide_dask
+    from runout.processes.imports import hide_dask
 
     hide_dask()
     ignore_settings()

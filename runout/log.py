@@ -11,13 +11,14 @@ from contextvars import ContextVar
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
 from runout.io.atomic import storage_error
 from runout.io.regular import open_regular
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 LOGGER = logging.getLogger("runout")
 WARNINGS = logging.getLogger("py.warnings")  # loggers of libraries: always in the log file, on the terminal with -v
@@ -60,36 +61,30 @@ class JsonLines(logging.Formatter):
         return json.dumps(line, default=str)
 
 
+class PipeConsole(Console):
+    """Console whose reader may end first: a command goes on without messages, and ends without results."""
+
+    def on_broken_pipe(self) -> None:
+        """Print no more; BrokenPipeError if results are lost."""
+        self.quiet = True
+        if not self.stderr:
+            raise BrokenPipeError
+
+
 @cache  # messages and bars share one console, so that they do not overwrite each other
-def console() -> "Console":
+def console() -> Console:
     """Console for messages on standard error; standard output carries only results."""
-    return _console_class()(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+    return PipeConsole(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
-def output() -> "Console":
+def output() -> Console:
     """Console for results on standard output; wide if it is not a terminal."""
-    return _console_class()(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
+    return PipeConsole(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
 
 
-def plain_output() -> "Console":
+def plain_output() -> Console:
     """Console of standard output as rich makes it, for help."""
-    return _console_class()()
-
-
-@cache  # defined at its first use, since the import of rich takes a while
-def _console_class() -> "type[Console]":
-    from rich.console import Console
-
-    class PipeConsole(Console):
-        """Console whose reader may end first: a command goes on without messages, and ends without results."""
-
-        def on_broken_pipe(self) -> None:
-            """Print no more; BrokenPipeError if results are lost."""
-            self.quiet = True
-            if not self.stderr:
-                raise BrokenPipeError
-
-    return PipeConsole
+    return PipeConsole()
 
 
 def silence_output() -> None:
@@ -121,8 +116,6 @@ class Terminal(logging.Handler):
         if key in self.said or (on_screen and getattr(record, "progress", False)):
             return
         self.said.add(key)
-        from rich.text import Text
-
         style = "yellow" if record.levelno < logging.ERROR else "bold red"
         mark = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
         with suppress(OSError):  # the terminal is gone, or its file is full; the work goes on
@@ -198,8 +191,6 @@ def to_file(path: Path) -> Iterator[None]:
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[float], None]]:
     """Context of a progress bar with remaining time. Call the returned function with the finished fraction, 0 to 1."""
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"))
     hidden = not LOGGER.handlers or min(h.level for h in LOGGER.handlers) > logging.INFO
     with Progress(*columns, TimeRemainingColumn(elapsed_when_finished=False), console=console(), disable=hidden) as bar:
@@ -209,6 +200,4 @@ def progress(what: str) -> Iterator[Callable[[float], None]]:
 
 def escaped(text: str) -> str:
     """Text whose brackets rich prints literally."""
-    from rich.markup import escape
-
     return escape(text)

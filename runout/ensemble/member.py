@@ -1,6 +1,7 @@
 """One member: what it is, the key of all that its result depends on, which names its files, and how it is run."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.ensemble.design import Design, member_table
-from runout.errors import RunoutError
+from runout.errors import ConfigError, RunoutError
 from runout.io import source_code
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
@@ -179,7 +180,7 @@ def simulate_member(
     """
     if stored_key(member.file(results)) == member.key:
         return  # finished just before its worker died, and handed out again
-    from runout.ensemble.step_time import StepTimer
+    from runout.forecast.step_cost import StepTimer
 
     if simulate is None:
         import runout
@@ -272,3 +273,23 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
         with writing(member.file(results)):
             seal(temporary)
     log_work(member.number, getattr(result, "series", {}))
+
+
+def member_range(text: str, members: int) -> range:
+    """Members of a range ``first:end``, the end excluded; ``first:``, ``:end`` and a single number are ranges as well.
+
+    Raises
+    ------
+    ConfigError
+        If it is no range, holds no member, or reaches beyond the ``members`` of the ensemble.
+    """
+    stated = re.fullmatch(r"(\d{0,9})(:?)(\d{0,9})", text.strip(), re.ASCII)
+    if not stated or not any(stated.group(1, 3)):
+        raise ConfigError(f"--members {text[:80]}: this is no range; state first:end, such as 0:100 for the members 0 to 99")
+    first = int(stated[1] or 0)
+    end = int(stated[3] or members) if stated[2] else first + 1
+    if not first < end <= members:
+        why = "it holds no member" if first >= end and first < members else f"the ensemble has members 0 to {members - 1}"
+        fix = f"; use {first}:{members}" if first < members < end else ""
+        raise ConfigError(f"--members {text}: {why}{fix}")
+    return range(first, end)

@@ -23,8 +23,8 @@ from typing import Protocol
 from runout.ensemble.member import Member
 from runout.errors import DeviceError
 from runout.log import MEMBER
+from runout.processes.imports import hide_dask
 from runout.processes.lifetime import children_allowed, end_with_parent, interrupts_kept
-from runout.processes.without_dask import hide_dask
 from runout.safe_start import ignore_settings
 
 TICK_SECONDS = 0.5  # [s] between two progress messages of a worker

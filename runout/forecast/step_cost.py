@@ -1,7 +1,8 @@
 """Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made.
 
 It is measured once a day (:mod:`runout.forecast.engine_notes`), and anew after some minutes if other work disturbed the
-measurement. A forecast that compiles nothing takes what was measured in the last month, or else that of a typical core.
+measurement. A forecast that compiles nothing takes what was measured in the last month, or else that of a typical core. A
+member notes what its steps took (:class:`StepTimer`), for the forecasts of the day.
 """
 
 import math
@@ -31,6 +32,7 @@ STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # [s] least time of a step on a 
 SLOPE = 0.4  # of the ground
 TYPICAL = StepCost(2e-4, 1e-7)  # of one core of the server on which it was chosen; of other machines a guess
 SPREADING = 1.2  # cost of a particle-step of a flow, which spreads and is observed, over that of the layer
+STAYED = 0.99  # share of the mass that is on the terrain at the end; otherwise particles were fewer than at the start
 
 
 def engine_for(arguments: Mapping[str, Any]) -> "Backend":
@@ -115,3 +117,32 @@ def _layer(scene: Scene, cells: int) -> Particles:
     p.volume[:] = np.prod(spacing / PER_CELL)
     p.mass[:], p.radius[:] = p.volume * scene.materials[0].density, 0.125 * spacing[2] / PER_CELL[2]
     return p
+
+
+class StepTimer:
+    """Processor time of the steps of a member: it counts from the first call of its progress on, after all preparation.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the fraction, 0 to 1, that this object is called with.
+    """
+
+    def __init__(self, progress: Callable[[float], None] | None = None):
+        self.progress = progress
+        self.first: float | None = None
+        self.started = self.seconds = 0.0
+
+    def __call__(self, fraction: float) -> None:
+        if self.first is None:
+            self.first, self.started = fraction, time.process_time()
+        self.seconds = time.process_time() - self.started
+        if self.progress:
+            self.progress(fraction)
+
+    def note(self, arguments: Mapping[str, Any], result: Any) -> None:
+        """Note the result's cost of a step, if the member ran as a whole on one thread of the CPU and its mass stayed."""
+        mass = getattr(result, "series", {}).get("mass", ())
+        alone = arguments.get("device", "cpu") == "cpu" and arguments["threads"] == 1 and not arguments.get("sleep_speed")
+        if alone and self.first == 0.0 and len(mass) and mass[-1] >= STAYED * mass[0]:
+            engine_notes.note_member(arguments, self.seconds, result.steps, result.steps * result.n_particles)

@@ -4,19 +4,22 @@ The files come one after another. The values of each go by tiles of the raster i
 then the statistics of each tile are made of the values of all members. Where no member arrives there is no tile.
 """
 
+import math
+import mmap
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from runout.errors import StorageError
-from runout.hazard.empty_maps import empty_maps
-from runout.hazard.joint import Condition, conditions_of, require_conditions
+from runout.hazard.joint import Condition, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
 from runout.hazard.sampling import Estimator, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
+from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
 from runout.map_quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.variables import VARIABLES
@@ -141,7 +144,7 @@ class _Maps:
     Parameters
     ----------
     dataset : xarray.Dataset
-        All maps at their start, of :func:`runout.hazard.empty_maps.empty_maps`.
+        All maps at their start, of :func:`empty_maps`.
     weights : ndarray (members,)
         Of sum 1.
     store : TileStore
@@ -282,3 +285,60 @@ class _Maps:
         self.dataset[mean] = (dimension, means, VARIABLES[mean].attributes())
         for product in (mean, error_name):
             self.dataset[product].attrs["estimator"] = self.estimator.statement(len(self.weights))
+
+
+def empty_maps(
+    dataset: "xr.Dataset",
+    thresholds: Mapping[str, Sequence[float]],
+    percentiles: Sequence[float],
+    joint: Sequence[Condition],
+    weights: np.ndarray,
+    quantities: Mapping[str, MapQuantity] = QUANTITIES,
+) -> "xr.Dataset":
+    """All maps of ``quantities`` at zero, and no arrival, on the raster of ``dataset``, which has nothing but its place.
+
+    The other parameters are those of :func:`runout.hazard.exceedance.aggregate`, the weights of sum 1.
+    """
+    shape = (dataset.sizes["y"], dataset.sizes["x"])
+    dataset = dataset.assign_coords(percentile=np.unique(np.asarray(percentiles, np.float64)))
+    dimensions = {"joint": "joint"} if joint else {}
+    dataset = with_conditions(dataset, joint) if joint else dataset
+    for name, quantity in quantities.items():
+        for product in filter(None, (quantity.peak, quantity.mean)):
+            netcdf.add_map(dataset, product, zeros_by_page(shape, np.float32))
+        limits = np.unique(np.asarray(thresholds.get(name, ()), np.float64))
+        if limits.size:
+            dataset = dataset.assign_coords({quantity.threshold: limits})
+            dimensions[name] = quantity.threshold
+    for name, dimension in dimensions.items():
+        for kind in ("probability", "standard_error"):
+            layers = zeros_by_page((dataset.sizes[dimension], *shape), np.float32)
+            netcdf.add_map(dataset, f"{name}_exceedance_{kind}", layers, (dimension,))
+    netcdf.add_map(dataset, "inundation_probability", zeros_by_page(shape, np.float32))
+    netcdf.add_map(dataset, "members_reached", zeros_by_page(shape, np.int32))
+    netcdf.add_map(dataset, FIRST_ARRIVAL, np.full(shape, np.nan, np.float32))
+    layers_of_percentiles = (dataset.sizes["percentile"], *shape)
+    for quantity in quantities.values():
+        netcdf.add_map(dataset, quantity.percentile, zeros_by_page(layers_of_percentiles, np.float32), ("percentile",))
+    netcdf.add_map(dataset, ARRIVAL_PERCENTILE, np.full(layers_of_percentiles, np.nan, np.float32), ("percentile",))
+    dataset["effective_sample_size"] = effective_sample_size(weights)
+    return dataset
+
+
+def zeros_by_page(shape: tuple[int, ...], dtype: DTypeLike) -> np.ndarray[Any, Any]:
+    """Zeros of which a page of the system, 4 KiB on most, takes memory with the first value that changes in it.
+
+    ``numpy.zeros`` asks Linux for pages of 2 MiB in arrays above 4 MiB. A flow in a few rows of a map then takes most of the map.
+    Without that choice of pages, as on other systems, they are those of ``numpy.zeros``.
+    """
+    if not hasattr(mmap, "MADV_NOHUGEPAGE"):
+        return np.zeros(shape, dtype)
+    values = math.prod(shape)
+    size = max(1, values * np.dtype(dtype).itemsize)
+    try:
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as cause:
+        raise MemoryError(f"{size} bytes for maps of {shape} cells") from cause
+    with suppress(OSError):  # of a kernel without huge pages
+        memory.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(memory, dtype, values).reshape(shape)

@@ -15,7 +15,7 @@ from inspect import isclass
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
-from runout.processes.without_dask import show_dask
+from runout.processes.imports import show_dask
 
 Entry = TypeVar("Entry")
 

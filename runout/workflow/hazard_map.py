@@ -16,9 +16,9 @@ from runout.errors import ConfigError, ExitCode
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
 from runout.model.facts import as_html, as_text
+from runout.processes.imports import imported_meanwhile
 from runout.processes.interrupt import at_end
 from runout.processes.lifetime import end_workers
-from runout.workflow.ahead import imported_meanwhile
 from runout.workflow.compilation import compile_ahead
 from runout.workflow.stages import Stage
 from runout.workflow.study import PLAN, STAGES, Study
@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from runout.report.stills import Stills
 
 LOGGER = logging.getLogger("runout.hazard_map")
+OF_PRODUCTS = (
+    *("netCDF4", "xarray", "rasterio", "geopandas", "matplotlib.figure", "matplotlib.backends.backend_agg", "jinja2"),
+    *("runout.hazard.products", "runout.report.html"),
+)  # modules of the stages hazard and report
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ def run(
     device : str or None
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
     members : str or None
-        Range of members such as ``0:100``: the stage ``ensemble`` runs only these (see :mod:`runout.ensemble.member_range`).
+        Range of members such as ``0:100``: the stage ``ensemble`` runs only these (see :mod:`runout.ensemble.member`).
     cluster : Cluster or None
         Dask cluster that computes the members. The budget of the site is for this machine and does not count then.
 
@@ -116,7 +120,7 @@ def run(
 
 def _run_part(study: Study, members: str) -> Outcome:
     """Run a range of members; other jobs may run other ranges in the same results folder at the same time."""
-    from runout.ensemble.member_range import member_range
+    from runout.ensemble.member import member_range
 
     study = replace(study, part=member_range(members, study.site.settings.ensemble.members))
     with log.to_file(study.results / f"run_{members.replace(':', '_')}.log"), at_end(end_workers):
@@ -161,7 +165,7 @@ def _run_stages(study: Study, stages: Sequence[Stage], force: bool, processes: E
         started = time.perf_counter()
         if stage.name in ("hazard", "report") and stages[-1].name == "report" and study.helpers is None:
             study.helpers = processes.enter_context(_helpers())  # they start while this process makes the maps
-        with imported_meanwhile() if stage.name == "ensemble" and _waits_for_workers(study, stages) else nullcontext():
+        with imported_meanwhile(OF_PRODUCTS) if stage.name == "ensemble" and _waits_for_workers(study, stages) else nullcontext():
             _make(study, stage)
         LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
         done.append(stage.name)

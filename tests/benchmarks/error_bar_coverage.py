@@ -33,8 +33,7 @@ from docs.pages.error_bars import FILE, coverage
 from runout.forecast import numerical_error
 from runout.forecast.numerical_error import MAP
 from runout.io.atomic import whole_file, write_json
-from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
-from runout.studies.map_distance import relative_l1
+from runout.studies.convergence import SHIFT, Run, bars, plan, relative_l1, run_once
 
 SITES = Path(__file__).parents[2] / "sites"
 CHOSEN_BY = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]

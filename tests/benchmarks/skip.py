@@ -24,7 +24,7 @@ from runout.model.structures import CELLS, Patches, StructureField
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
-from runout.studies.map_distance import relative_l1
+from runout.studies.convergence import relative_l1
 from runout.studies.sloping_layer import Layer
 from runout.studies.work_precision import commit
 from tests.benchmarks.recorded_sites import with_vertical_edges

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from runout.io.atomic import write_json
-from runout.studies.map_distance import relative_l1
+from runout.studies.convergence import relative_l1
 from runout.studies.work_precision import machine, versions
 
 CELLS = {  # [m], the finest is the reference

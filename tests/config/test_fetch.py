@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from runout.config import download
+from runout.config import fetch as fetching
 from runout.config.fetch import cached_path, fetch, without_fetched_folders
 from runout.config.remote import RemoteFile
 from runout.errors import InputError, StorageError
@@ -70,7 +70,7 @@ def cache(tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     monkeypatch.delenv("RUNOUT_DATA", raising=False)
-    monkeypatch.setattr(download, "SCHEMES", ("http",))  # the server of these tests has no certificate
+    monkeypatch.setattr(fetching, "SCHEMES", ("http",))  # the server of these tests has no certificate
     return tmp_path / "cache"
 
 
@@ -166,7 +166,7 @@ def test_few_redirects_are_followed_and_many_are_not(server):
 def test_only_https_is_fetched_after_a_redirect_too(server, url, monkeypatch):
     with pytest.raises(InputError, match="only addresses with https"):
         fetch(remote(server.replace("dem.asc", f"to/1/{url.replace('http:', 'https:')}")))
-    monkeypatch.setattr(download, "SCHEMES", ("https",))
+    monkeypatch.setattr(fetching, "SCHEMES", ("https",))
     QuietHandler.asked.clear()
     with pytest.raises(InputError, match="only addresses with https"):
         fetch(remote(server))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from runout.ensemble.member_range import member_range
+from runout.ensemble.member import member_range
 from runout.errors import ConfigError
 
 

@@ -14,7 +14,7 @@ import xarray as xr
 from synthetic_ensemble import make_site, make_table, make_terrain, member_maps, write_member, write_part
 
 from runout.errors import DiskFullError, StorageError
-from runout.hazard import empty_maps, exceedance, tiles
+from runout.hazard import exceedance, tiles
 from runout.hazard.exceedance import aggregate
 from runout.hazard.products import write_products
 from runout.hazard.tiles import TileStore, reached_tiles
@@ -167,7 +167,7 @@ def test_memory_of_an_aggregation_is_bounded_by_what_it_says(
 ) -> None:
     """The worst case, beside the maps: all cells wet in all members; about as much on four times the raster."""
     monkeypatch.setattr(exceedance, "MemberMaps", Full)
-    monkeypatch.setattr(empty_maps, "zeros_by_page", np.zeros)  # which the tracing of memory sees
+    monkeypatch.setattr(exceedance, "zeros_by_page", np.zeros)  # which the tracing of memory sees
     memory_bytes = 8 * 1024**2
     aggregate([tmp_path / "64x64"] * 4, [1.0] * 4, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=memory_bytes)  # imports
     extra = []

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runout.hazard.zeros import zeros_by_page
+from runout.hazard.exceedance import zeros_by_page
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory as Linux states it")

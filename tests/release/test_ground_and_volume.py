@@ -13,7 +13,7 @@ from runout.release import outlets
 from runout.release.arrangement import particles_for
 from runout.release.bounds import polygon_bounds, thickness_bounds
 from runout.release.ground import require_elevation, require_inside
-from runout.release.volume import matched
+from runout.release.read import matched
 
 
 @pytest.mark.parametrize(("unknown", "more"), [(1, None), (3, None), (4, " and 1 more"), (9, " and 6 more")])

@@ -8,7 +8,7 @@ import pytest
 import runout
 from runout import scores
 from runout.scores import scoring
-from runout.studies.map_distance import compared
+from runout.studies.convergence import compared
 
 BARS = scores.ErrorBars(
     {

@@ -13,7 +13,7 @@ from runout.forecast.accuracy import BOUNDS
 from runout.forecast.numerical_error import ORDER, SAFETY, statements
 from runout.scores.flow import BAR_MAPS
 from runout.studies import convergence
-from runout.studies.map_distance import area_above, compared
+from runout.studies.convergence import area_above, compared
 
 
 def test_area_counts_fractions_of_cells():

@@ -8,9 +8,9 @@ import pytest
 from ramp_site import write_site
 
 from runout.config.site import read_site
-from runout.ensemble.step_time import StepTimer
 from runout.forecast import engine_notes, step_cost
 from runout.forecast.engine_notes import StepCost
+from runout.forecast.step_cost import StepTimer
 from runout.workflow import plan
 from runout.workflow.compilation import compile_ahead, kernels_noted
 
@@ -83,7 +83,7 @@ def test_other_kernels_have_notes_of_their_own(arguments, measured, change):
 def member(arguments, seconds, monkeypatch, *, first=0.0, mass=(1.0, 1.0)):
     """Tell a timer of a member of 100 steps and 1000 particles that took so much processor time [s]."""
     clock = iter([5.0, 5.0, 5.0 + seconds])
-    monkeypatch.setattr("runout.ensemble.step_time.time", SimpleNamespace(process_time=lambda: next(clock)))
+    monkeypatch.setattr("runout.forecast.step_cost.time", SimpleNamespace(process_time=lambda: next(clock)))
     timer = StepTimer()
     timer(first)
     timer(1.0)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from runout.hazard.observed import observed_layers
 from runout.hazard.outline_style import outline_styles
-from runout.hazard.probe_layers import probe_layers
+from runout.hazard.products import probe_layers
 from runout.hazard.writers import Products
 from runout.io.vector import write_outlines
 

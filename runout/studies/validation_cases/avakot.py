@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 import shapely
+from scipy.interpolate import RegularGridInterpolator
 
 import runout
 from runout.model.scene import STANDARD_GRAVITY
+from runout.model.terrain import Terrain
 from runout.scores import (
     Grid,
     Thalweg,
@@ -26,10 +28,11 @@ from runout.scores import (
     reached,
     slope_normal_thickness,
     terrain_slope,
+    values_at,
     vertical_thickness,
 )
+from runout.simulation.result import Result
 from runout.studies.validation_cases.avakot_energy import DENSITY, FRICTION_ANGLE, Points, measure_energy
-from runout.studies.validation_cases.avakot_frames import LIFTED, lifted, looseness
 from runout.studies.validation_cases.case import data_folder
 from runout.studies.validation_cases.drawing import outline_of
 from runout.studies.validation_cases.iseesnow import voellmy
@@ -44,6 +47,7 @@ MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the a
 LEVELS_OF_AREA = (0.5, 4.0)  # thicknesses [m] of further areas
 LOOKS = tuple(range(4, 41, 4))  # times [s] at which the mass over the ground is looked at
 SHOTS: dict[str, Any] = {"snapshot_times": LOOKS, "snapshot_particles": 10**6}
+LIFTED = 5.0  # height over the ground [m] from which mass counts as in flight
 
 
 def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
@@ -162,3 +166,30 @@ def _line(run: dict[str, Any], other: dict[str, Any]) -> str:
     words = ", ".join(f"{key} {run[key]:{how}} {unit} (com1DFA {other[key]:{how}})" for key, unit, how in pairs)
     name = f"{run['law']}, cells of {run['cell_size']:g} m, {run['friction_angle_deg']:g} deg"
     return f"  {name}: {words}, CSI {run['csi']:.2f}, {run['seconds']:.0f} s"
+
+
+def lifted(result: Result, slope: np.ndarray) -> float:
+    """Largest share of the particles more than :data:`LIFTED` over the ground, normal to it, over all snapshots."""
+    frames = (heights(result.terrain, slope, frame)[1] for frame in result.particle_frames)
+    return max(float((height > LIFTED).mean()) for height in frames)
+
+
+def looseness(result: Result, slope: np.ndarray, thick: float) -> list[float]:
+    """Mean height of the mass over half its thickness [1], where it is more than ``thick`` [m], for each snapshot that has such."""
+    found = []
+    maps = np.nan_to_num(result.snapshot_maps()["flow_thickness"].values)
+    for vertical, frame in zip(maps, result.particle_frames, strict=True):
+        place, height = heights(result.terrain, slope, frame)
+        thickness = values_at(Grid.of(result.terrain), slope_normal_thickness(vertical, np.nan_to_num(slope)), *place)
+        there = thickness > thick
+        if there.any():
+            found.append(float(2 * height[there].mean() / thickness[there].mean()))
+    return found
+
+
+def heights(terrain: Terrain, slope: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Place in plan (2, n) and height over the ground (n,) [m], normal to it, of the particles (m, 4) that have not left."""
+    x, y, z = terrain.frame.to_map(np.asarray(frame[np.isfinite(frame[:, 0]), :3], np.float64)).T
+    ground = np.stack([terrain.elevation, np.cos(np.nan_to_num(slope))], axis=-1)[::-1]
+    elevation, cosine = RegularGridInterpolator((terrain.northing[::-1], terrain.easting), ground)((y, x)).T
+    return np.array([x, y]), (z - elevation) * cosine

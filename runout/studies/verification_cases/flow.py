@@ -6,6 +6,7 @@ mirror image of the body.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from runout.model.surface import Surface
 from runout.release import stagger
 from runout.studies.verification_cases.bodies import filled
 from runout.studies.verification_cases.closed_forms import GRAVITY
-from runout.studies.verification_cases.transfer_loss import TransferLoss
 
 ACROSS = 4  # cells across a slice: the shortest period of the grid
 CHUNK = 10  # steps of one length
@@ -186,3 +186,41 @@ def _energies(start: LedgerRow, end: LedgerRow, lost: np.ndarray) -> Energies:
     basal = end.basal_dissipation - start.basal_dissipation + lost[1]
     internal = end.plastic_dissipation - start.plastic_dissipation
     return Energies(drop, *(float(e / drop) for e in (kinetic, stored, basal, internal, lost[0], lost[1])))
+
+
+class TransferLoss:
+    """Loss of the transfers from particles to nodes without forces, and back. ``period`` (3,) [cells] of the grid."""
+
+    def __init__(self, period: tuple[int, int, int] = (0, 0, 0)):
+        engine: Any = cast(Any, get_backend("reference"))
+        engine.watch = self._look
+        for axis, cells in enumerate(period):
+            if cells:
+                engine.period[axis] = cells
+        self._engine = engine
+
+    def rates(self, scene: Scene, particles: Particles, dt: float) -> tuple[float, float]:
+        """Loss [W] in a step of ``dt`` [s] from ``particles``: in the transfers, and at the ground beyond what is booked there.
+
+        The ground's work on the nodes takes the mean of their velocities before and after the step. What is booked follows from
+        the particles, with lumped compliances.
+        """
+        self._engine.load(scene, particles)
+        self._particles = self._engine.particles()
+        before = self._engine.ledger().kinetic_energy
+        self._engine.step(dt)
+        after = self._engine.ledger()
+        mass, given, pushed, end = self._mass, self._given, self._pushed, self._velocity
+        taken = 0.5 * float(mass @ (end**2).sum(axis=1))
+        lost = before - 0.5 * float(mass @ (given**2).sum(axis=1)) + taken - after.kinetic_energy - after.escaped_energy
+        ground = -0.5 * float((mass[:, None] * (end - pushed) * (given + end)).sum())
+        return lost / dt, (ground - after.basal_dissipation) / dt
+
+    def _look(self, stencils: Any, mass: np.ndarray, velocity: np.ndarray) -> None:
+        """Note velocities [m/s] of nodes: as given by particles, with forces, and, once the step is done, with contact."""
+        p = self._particles
+        momentum = p.mass[:, None, None] * (p.velocity[:, None, :] + np.einsum("pij,pnj->pni", p.affine, stencils.arm))
+        occupied = mass > 0.0
+        self._given = np.zeros_like(velocity)
+        self._given[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None]
+        self._mass, self._pushed, self._velocity = mass, velocity.copy(), velocity

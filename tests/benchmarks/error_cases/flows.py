@@ -10,8 +10,7 @@ from runout.forecast.accuracy import choices
 from runout.release.arrangement import particles_for
 from runout.simulation.result import Result
 from runout.simulation.single import simulate
-from runout.studies.convergence import quantities
-from runout.studies.map_distance import relative_l1
+from runout.studies.convergence import quantities, relative_l1
 from runout.studies.verification_cases import column_collapse, flow, spreading_cap
 from runout.studies.verification_cases.dam_breaks import as_one, columns, relative
 from tests.benchmarks.error_cases.choice import BASE, March, Outcome, Variation
