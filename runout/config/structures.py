@@ -1,6 +1,7 @@
 """Structures of site.yaml: buildings, dams, galleries and piers that the flow meets."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -32,7 +33,7 @@ def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, st
         return
     reader = reader_of(file)
     if reader.is_refused:
-        yield "file", other_meshes.fault(file), other_meshes.REMEDY
+        yield "file", other_meshes.FAULT.format(PurePath(file)), other_meshes.REMEDY
     for key in reader.foreign_keys():
         if key in given:
             yield key, f"has no meaning with {reader.kind} ({file})", "remove it"
