@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -46,7 +46,7 @@ def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, st
         return
     reader = reader_of(file)
     if reader.is_refused:
-        yield "file", other_meshes.fault(file), other_meshes.REMEDY
+        yield "file", other_meshes.FAULT.format(PurePath(file)), other_meshes.REMEDY
     for key in reader.foreign_keys():
         if key in given:
             yield key, f"has no meaning with {reader.kind} ({file})", "remove it"

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from runout.scores import scoring
 from runout.scores.contingency import Contingency, contingency
 from runout.scores.definitions import Pair, Score
 from runout.scores.elevation_change import change_errors
@@ -16,7 +15,7 @@ from runout.scores.flow import BAR_MAPS, THICKNESSES, UNITS, Flow
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_errors, point_errors, values_at
-from runout.scores.scoring import NO_BARS, ErrorBars, Ground
+from runout.scores.scoring import NO_BARS, ErrorBars, Ground, energy_line_score, field_scores, scores_of
 from runout.scores.thalweg import Thalweg, thalweg_errors
 
 
@@ -106,7 +105,7 @@ def against_observations(
         for name, part in (("erosion", errors.erosion), ("deposition", errors.deposition)):
             volumes |= {f"modelled_{name}_m3": part.modelled_sum, f"observed_{name}_m3": part.observed_sum}
         of = "DEM of difference"
-        scores = scoring.change_scores(of, errors, setting.bars, observed.detection_limit)
+        scores = scores_of("change", of, errors, "m", setting.bars.of_change(errors, observed.detection_limit))
         found.add(of, scores, **volumes, unknown_cells=errors.change.unknown)
     if observed.gauges is not None:
         modelled = values_at_gauges(flow, observed.gauges) if at_gauges is None else at_gauges
@@ -132,18 +131,18 @@ def add_areas(
 ) -> None:
     """Scores of the area in which a quantity reaches a threshold; with a thalweg also those of front, sides and energy line."""
     table = contingency(modelled, observed, grid.cell_area)
-    found.add(of, scoring.area_scores(of, table, setting.bars, BAR_MAPS.get(quantity, ""), threshold), **_areas(table))
+    bars = setting.bars.of_contingency(table, BAR_MAPS.get(quantity, ""), threshold)
+    found.add(of, scores_of("area", of, table, bars=bars), **_areas(table))
     if setting.thalweg is None or quantity not in THICKNESSES:
         return
     errors = thalweg_errors(setting.thalweg, grid.easting, grid.northing, modelled, observed, half_width=setting.half_width)
-    bars, of_map = setting.bars, BAR_MAPS[quantity]
     fronts = {"modelled_front_m": errors.modelled_front, "observed_front_m": errors.observed_front}
-    scores = scoring.thalweg_scores(of, errors, bars, table, of_map, threshold)
-    found.add(of, scores, **fronts, cells_beyond_half_width=errors.outside)
-    bars = bars if quantity == "thickness" else NO_BARS
+    bars = setting.bars.of_thalweg(errors, table, BAR_MAPS[quantity], threshold)
+    found.add(of, scores_of("thalweg", of, errors, bars=bars), **fronts, cells_beyond_half_width=errors.outside)
     if setting.start is not None and setting.elevation is not None:
         ground = Ground(grid.easting, grid.northing, setting.elevation)
-        found.add(of, iter([scoring.energy_line_score(of, errors, setting.start, setting.thalweg, ground, bars)]))
+        of_front = setting.bars if quantity == "thickness" else NO_BARS
+        found.add(of, iter([energy_line_score(of, errors, setting.start, setting.thalweg, ground, of_front)]))
 
 
 def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, setting: Setting) -> None:
@@ -163,8 +162,8 @@ def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, s
     if volume:
         counts |= {"modelled_volume_m3": errors.modelled_sum, "observed_volume_m3": errors.observed_sum}
     of = f"{quantity_name(quantity)}, whole map"
-    found.add(of, scoring.field_scores(of, errors, units, volume, setting.bars, BAR_MAPS.get(quantity, "")), **counts)
-    found.add(of, scoring.scores_of("maps", of, Pair(modelled.maps[quantity], observed.maps[quantity], area), units))
+    found.add(of, field_scores(of, errors, units, volume, setting.bars, BAR_MAPS.get(quantity, "")), **counts)
+    found.add(of, scores_of("maps", of, Pair(modelled.maps[quantity], observed.maps[quantity], area), units))
 
 
 def add_arrivals(found: Assessment, modelled: Flow, observed: Flow, bars: ErrorBars = NO_BARS) -> None:
@@ -172,7 +171,8 @@ def add_arrivals(found: Assessment, modelled: Flow, observed: Flow, bars: ErrorB
     pair = [flow.maps["arrival"].ravel() for flow in (modelled, observed)]
     both = arrival_errors(pair[0], np.where(np.isfinite(pair[1]), pair[1], np.nan))
     counts = {"cells": both.points, "missed_cells": both.missed}
-    found.add("arrival, whole map", scoring.arrival_scores("arrival, whole map", both, bars), **counts)
+    half = bars.of_arrival(both.points + both.missed)
+    found.add("arrival, whole map", scores_of("arrival", "arrival, whole map", both, bars=half), **counts)
 
 
 def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
@@ -190,10 +190,10 @@ def add_points(found: Assessment, name: str, modelled: np.ndarray, observed: np.
     of = f"gauges, {name.replace('_', ' ')}"
     if name == "arrival_time":
         errors = arrival_errors(modelled, observed)
-        made = scoring.arrival_scores(of, errors, bars)
+        made = scores_of("arrival", of, errors, bars=bars.of_arrival(errors.points + errors.missed))
     else:
         errors = point_errors(modelled, observed)
-        made = scoring.point_scores(of, errors, POINT_UNITS[name], bars, BAR_MAPS[name])
+        made = scores_of("points", of, errors, POINT_UNITS[name], bars.at_points(BAR_MAPS[name]))
     found.add(of, made, points=errors.points, unknown_points=errors.unknown)
 
 

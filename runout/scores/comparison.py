@@ -20,7 +20,7 @@ from runout.scores.observations import Observations
 from runout.scores.outline import outline_shares
 from runout.scores.products import Product, Reading, member_product, read_product
 from runout.scores.read import Nodata, read_thalweg, where_dry
-from runout.scores.scoring import NO_BARS, change_scores
+from runout.scores.scoring import NO_BARS, scores_of
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
 from runout.scores.vector_product import VectorContent, read_vector
 
@@ -393,7 +393,7 @@ def _add_quantity(found: Assessment, a: Flow, b: Flow, quantity: str, setting: S
     elif quantity == "change":
         limit = min(choices.thresholds, default=0.0)
         errors = change_errors(a.maps[quantity], b.maps[quantity], a.grid.cell_area, limit)
-        scores = change_scores("change of elevation", errors, setting.bars, limit)
+        scores = scores_of("change", "change of elevation", errors, "m", setting.bars.of_change(errors, limit))
         found.add("change of elevation", scores, unknown_cells=errors.change.unknown)
     else:
         own = quantity in THICKNESSES or quantity == choices.quantity

@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from runout.scores.contingency import Contingency
 from runout.scores.definitions import DEFINITIONS, Score
-from runout.scores.elevation_change import ChangeErrors
 from runout.scores.energy_line import ReleasePoint, energy_line_angle
 from runout.scores.error_bars import ErrorBars
 from runout.scores.field_errors import FieldErrors
-from runout.scores.points import PointErrors
 from runout.scores.thalweg import Thalweg, ThalwegErrors
 
 NO_BARS = ErrorBars({})
@@ -27,13 +24,6 @@ def scores_of(
             yield Score(of, name, float(one.values[evidence](found)), units, (bars or {}).get(name))
 
 
-def area_scores(
-    of: str, table: Contingency, bars: ErrorBars = NO_BARS, quantity: str = "", threshold: float = 0.0
-) -> Iterator[Score]:
-    """CSI, POD, FAR and area bias of a contingency table; ``quantity`` is the map of the error bars."""
-    return scores_of("area", of, table, bars=bars.of_contingency(table, quantity, threshold))
-
-
 def field_scores(
     of: str, errors: FieldErrors, units: str, volume: bool = False, bars: ErrorBars = NO_BARS, quantity: str = ""
 ) -> Iterator[Score]:
@@ -42,18 +32,6 @@ def field_scores(
     if volume:
         yield from scores_of("volume", of, errors, bars=half)
     yield from scores_of("field", of, errors, units, half)
-
-
-def thalweg_scores(
-    of: str,
-    errors: ThalwegErrors,
-    bars: ErrorBars = NO_BARS,
-    table: Contingency | None = None,
-    quantity: str = "flow_thickness",
-    threshold: float = 0.0,
-) -> Iterator[Score]:
-    """Errors of the front and of the sides of the area of a table; ``quantity`` is the map of the error bars."""
-    return scores_of("thalweg", of, errors, bars=bars.of_thalweg(errors, table, quantity, threshold))
 
 
 def energy_line_score(
@@ -84,18 +62,3 @@ class Ground:
         """Elevation [m]; that of the nearest cell of the map outside of it, NaN where that is unknown."""
         row, column = int(np.argmin(np.abs(self.northing - y))), int(np.argmin(np.abs(self.easting - x)))
         return float(self.elevation[row, column])
-
-
-def arrival_scores(of: str, errors: PointErrors, bars: ErrorBars = NO_BARS) -> Iterator[Score]:
-    """Errors of the arrival times at points."""
-    return scores_of("arrival", of, errors, bars=bars.of_arrival(errors.points + errors.missed))
-
-
-def point_scores(of: str, errors: PointErrors, units: str, bars: ErrorBars = NO_BARS, quantity: str = "") -> Iterator[Score]:
-    """Bias and RMSE of a quantity in ``units`` at points."""
-    return scores_of("points", of, errors, units, bars.at_points(quantity))
-
-
-def change_scores(of: str, errors: ChangeErrors, bars: ErrorBars = NO_BARS, limit: float = 0.0) -> Iterator[Score]:
-    """Errors of a change of elevation and of its parts, with a detection limit [m]."""
-    return scores_of("change", of, errors, "m", bars.of_change(errors, limit))

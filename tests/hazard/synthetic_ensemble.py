@@ -9,17 +9,27 @@ import pandas as pd
 import pyproj
 import shapely
 
+from runout.backends.compile import rebound
 from runout.config.stated_at import Reading
 from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.member_maps import RASTER, cut_to_reached
 from runout.io.provenance import sha256
+from runout.map_quantities import QUANTITIES, peak_quantities
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.simulation.probe_recorder import OF_ARRAYS
 
 SHAPE = (37, 53)  # odd and unequal, so that a transposed or flipped map cannot pass
 CELL = (10.0, 12.0)
 WEST, SOUTH = 738_000.0, 4_020_000.0
+THRESHOLDS = {
+    "thickness": [0.1, 1.0, 2.0],
+    "speed": [1.0, 5.0],
+    "pressure": [3e3, 3e4],
+    "momentum_flux": [10.0],
+    "deposit": [0.5, 1.0],
+}
 MARKER = 9.5  # flow thickness of every member in the north-west corner [m]
 
 
@@ -33,6 +43,12 @@ def make_terrain(crs: str | None = "EPSG:32616") -> Terrain:
     )
 
 
+def peaks_of(thickness: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+    """Maps of every quantity that has a formula, of a flow of 2000 kg/m3."""
+    density = np.full(thickness.shape, 2000.0)
+    return {q.member_map: rebound(q.formula, OF_ARRAYS, {})(thickness, speed, density) for q in peak_quantities()}
+
+
 def member_maps(number: int) -> dict[str, np.ndarray]:
     """Maps of member ``number``: a tongue of 4 + 4 * number rows; thickness number + 1 [m]; the marker in the corner."""
     wet = np.zeros(SHAPE, bool)
@@ -43,10 +59,8 @@ def member_maps(number: int) -> dict[str, np.ndarray]:
     speed = np.where(wet, 2.0 * (1 + number), 0.0)
     arrival = np.where(wet, np.indices(SHAPE)[0] * 2.0 + number, np.nan)
     return {
+        **peaks_of(0.5 * thickness, speed),  # the maxima of thickness and speed are not at the same time
         "max_flow_thickness": thickness,
-        "max_speed": speed,
-        "max_pressure": 2000.0 * speed**2,
-        "max_momentum_flux": 0.5 * thickness * speed**2,  # the two maxima are not at the same time
         "arrival_time": arrival,
         "deposit_thickness": thickness / 2,
     }
@@ -79,11 +93,8 @@ class FakeSite:
             description="A hypothetical release.",
             metadata=None,
             hazard=SimpleNamespace(
-                thickness_thresholds=[0.1, 1.0, 2.0],
-                speed_thresholds=[1.0, 5.0],
-                pressure_thresholds=[3e3, 3e4],
-                momentum_flux_thresholds=[10.0],
-                deposit_thresholds=[0.5, 1.0],
+                **{q.setting: [] for q in QUANTITIES.values() if q.name not in THRESHOLDS},
+                **{QUANTITIES[name].setting: limits for name, limits in THRESHOLDS.items()},
                 joint=[{"thickness": 2.0, "speed": 3.0}, {"pressure": 3e4, "deposit": 0.7, "momentum_flux": 1.0}],
                 percentiles=[5, 50, 95],
             ),

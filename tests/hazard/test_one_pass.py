@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 import xarray as xr
-from synthetic_ensemble import make_site, make_table, make_terrain, member_maps, write_member, write_part
+from synthetic_ensemble import make_site, make_table, make_terrain, member_maps, peaks_of, write_member, write_part
 
 from runout.errors import DiskFullError, StorageError
 from runout.hazard import exceedance, tiles
@@ -46,7 +46,7 @@ def flow(terrain: Terrain, offset: tuple[int, int], number: int, cells: tuple[in
     h[row : row + cells[0], column : column + cells[1]] = rng.uniform(0, 4, cells) * (rng.random(cells) > 0.2)
     v = np.sqrt(10 * h)
     arrival = np.where(h > 0, 100 - h, np.nan)
-    return dict(zip(MEMBER_MAPS, (h, v, 2000 * v * v, h * v * v, arrival, h / 2), strict=True))
+    return {**peaks_of(h, v), "arrival_time": arrival, "deposit_thickness": h / 2}
 
 
 def members_of(

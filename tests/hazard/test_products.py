@@ -28,6 +28,7 @@ from runout.errors import ExitCode, PartialEnsembleError, StorageError
 from runout.hazard.maps import HEADLINE_MAPS, TERRAIN_MAPS, map_layers
 from runout.hazard.products import ground_slope, write_products
 from runout.io import netcdf
+from runout.map_quantities import QUANTITIES
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 
@@ -88,7 +89,7 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
     made: Products = request.getfixturevalue(system)
     hazard = netcdf.read(made.results / "hazard.nc")
     layers = list(map_layers(hazard))
-    assert len(layers) == len(HEADLINE_MAPS) + len(TERRAIN_MAPS) + 2 * (3 + 2 + 2 + 1 + 2 + 2) + 3 * (5 + 1)
+    assert len(layers) == len(HEADLINE_MAPS) + len(TERRAIN_MAPS) + 2 * (3 + 2 + 2 + 1 + 2 + 2) + 3 * (len(QUANTITIES) + 1)
     for stem, name, selection in layers:
         with rasterio.open(made.results / "maps" / f"{stem}.tif") as raster:
             require_in_place(raster, made.site.terrain())

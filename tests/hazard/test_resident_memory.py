@@ -7,11 +7,11 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
-from synthetic_ensemble import make_terrain, write_member
+from synthetic_ensemble import make_terrain, peaks_of, write_member
 
 from runout.io import netcdf
 from runout.io.map_layers import WRITE_CACHE, add_layers
-from runout.io.member_maps import MEMBER_MAPS, READ_CACHE, MemberMaps
+from runout.io.member_maps import READ_CACHE, MemberMaps
 from runout.model.terrain import Terrain
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="memory as Linux states it")
@@ -52,7 +52,7 @@ def test_hazard_stage_of_a_million_cells_keeps_below_300_megabytes(tmp_path: Pat
     for number in range(2):
         h = np.zeros(terrain.shape, np.float32)
         h[420:560, 300:900] = 4 * rng.random((140, 600), np.float32)
-        maps = dict(zip(MEMBER_MAPS, (h, h, 2000 * h, h, np.where(h > 0, 9 - h, np.nan), h / 2), strict=True))
+        maps = {**peaks_of(h, h), "arrival_time": np.where(h > 0, 9 - h, np.nan), "deposit_thickness": h / 2}
         netcdf.write(netcdf.map_dataset(terrain, maps, title="m"), tmp_path / f"{number:04d}.nc")
     assert resident(tmp_path) < 300e6
 

@@ -6,12 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from synthetic_ensemble import write_part
+from synthetic_ensemble import peaks_of, write_part
 
 from runout.ensemble.design import member_table, sobol_points
 from runout.hazard.exceedance import aggregate
 from runout.hazard.sampling import BLOCKS, Estimator, independent, no_net, rms
-from runout.io.member_maps import MEMBER_MAPS
 from runout.model.terrain import Terrain
 
 SIDE, NETS, TRUTH = 24, 200, 2**15
@@ -111,8 +110,8 @@ def net_of(folder: Path, members: int, terrain: Terrain) -> list[Path]:
         rng = np.random.default_rng(number)
         wet = (np.indices(terrain.shape)[0] < 20 + 3 * number) & (rng.random(terrain.shape) < 0.7) & (number < members - 1)
         h = np.where(wet, rng.uniform(0, 3, terrain.shape), 0.0)
-        values = (h, 2 * h, 100 * h, 4 * h**3, np.where(h > 0, 1.0, np.nan), h / 2)
-        paths.append(write_part(folder, number, terrain, dict(zip(MEMBER_MAPS, values, strict=True))))
+        maps = {**peaks_of(h, 2 * h), "arrival_time": np.where(h > 0, 1.0, np.nan), "deposit_thickness": h / 2}
+        paths.append(write_part(folder, number, terrain, maps))
     return paths
 
 

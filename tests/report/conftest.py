@@ -115,8 +115,10 @@ def hazard_dataset(maps):
     hazard["release_thickness"] = (("y", "x"), release_thickness(x, y))
     stacks = {"thickness": (thickness, [0.1, 0.5, 2.0]), "speed": (speed, [1.0, 5.0]), "pressure": (pressure, [3e3, 3e4])}
     stacks |= {"momentum_flux": (flux, [10.0]), "deposit": (0.4 * thickness, [1.0])}
+    added = [q for q in QUANTITIES.values() if q.name not in stacks]
+    stacks |= {q.name: (np.vectorize(q.formula, otypes=[float])(0.7 * thickness, speed, 2000.0), q.thresholds) for q in added}
     for name, (values, levels) in stacks.items():
-        hazard[f"{name}_threshold"] = levels
+        hazard[f"{name}_threshold"] = list(levels)
         add_exceedance(hazard, name, f"{name}_threshold", np.stack([values > level for level in levels]))
         quantity = QUANTITIES[name]
         hazard[quantity.percentile] = (("percentile", "y", "x"), np.percentile(values, [5, 50, 95], axis=0))

@@ -38,14 +38,15 @@ def test_every_definition_holds_its_best_value_and_says_what_it_is():
 
 
 def test_scores_of_areas_carry_the_error_bars_of_the_site():
-    found = {s.name: s for s in scoring.area_scores("outline", TABLE, BARS, "flow_thickness", 0.5)}
+    found = {s.name: s for s in scoring.scores_of("area", "outline", TABLE, bars=BARS.of_contingency(TABLE, "flow_thickness", 0.5))}
     assert found["csi"].value == 0.5
     assert found["csi"].numerical_error == pytest.approx(0.1 * 1000 / 1200)
     assert found["pod"].numerical_error == pytest.approx(0.1 * 1000 / 800)
     assert found["far"].numerical_error == pytest.approx(0.1)
     assert found["area_bias"].numerical_error == pytest.approx(200 / 800)
-    assert {s.numerical_error for s in scoring.area_scores("outline", TABLE, BARS, "flow_thickness", 1.0)} == {None}
-    assert {s.numerical_error for s in scoring.area_scores("outline", TABLE)} == {None}
+    other = BARS.of_contingency(TABLE, "flow_thickness", 1.0)
+    assert {s.numerical_error for s in scoring.scores_of("area", "outline", TABLE, bars=other)} == {None}
+    assert {s.numerical_error for s in scoring.scores_of("area", "outline", TABLE)} == {None}
 
 
 def test_a_switch_of_cells_within_the_bar_moves_csi_by_no_more_than_it():
@@ -56,14 +57,14 @@ def test_a_switch_of_cells_within_the_bar_moves_csi_by_no_more_than_it():
         agreement = scores.contingency(other, one).critical_success_index
         bars = scores.ErrorBars({"fields": [{"map": "deposit", "critical_success_index": {"1": agreement}}]})
         table = scores.contingency(one, observed)
-        (bar,) = [s.numerical_error for s in scoring.area_scores("", table, bars, "deposit", 1.0) if s.name == "csi"]
+        bar = bars.of_contingency(table, "deposit", 1.0)["csi"]
         moved = scores.contingency(other, observed).critical_success_index
         assert abs(moved - table.critical_success_index) <= 1.2 * bar
 
 
 def test_front_and_energy_line_carry_the_error_of_the_front():
     errors = scores.ThalwegErrors(110.0, 100.0, 1.0, 0.0, 1.0, 50.0, 0)
-    front = next(iter(scoring.thalweg_scores("flow", errors, BARS)))
+    front = next(scoring.scores_of("thalweg", "flow", errors, bars=BARS.of_thalweg(errors, None, "flow_thickness", 0.0)))
     assert (front.value, front.numerical_error, front.units) == (10.0, 12.0, "m")
     line = scores.Thalweg(np.array([[0.0, 0.0], [200.0, 0.0]]))
     east = np.arange(200.0)
@@ -123,7 +124,7 @@ def test_scores_of_a_change_move_by_no_more_than_their_bars():
         fields.append({"map": name, **compared(maps[1], maps[0], (0.5,), 25.0)})
     bars = scores.ErrorBars({"fields": fields})
     errors = (scores.change_errors(values, observed, 25.0, 0.5) for values in (one, other))
-    before, after = (list(scoring.change_scores("change", found, bars, 0.5)) for found in errors)
+    before, after = (list(scoring.scores_of("change", "change", found, "m", bars.of_change(found, 0.5))) for found in errors)
     for first, second in zip(before, after, strict=True):
         assert abs(first.value - second.value) <= 1.2 * first.numerical_error, first.name
         assert first.numerical_error < 0.2
@@ -149,7 +150,8 @@ def test_differences_of_two_grids_grow_to_the_error_of_the_map():
 
 def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
     errors = scores.ThalwegErrors(110.0, 100.0, 1.0, 0.5, 1.1, 50.0, 0, 20.0)
-    found = {s.name: s.numerical_error for s in scoring.thalweg_scores("flow", errors, BARS, TABLE, "flow_thickness", 0.5)}
+    half = BARS.of_thalweg(errors, TABLE, "flow_thickness", 0.5)
+    found = {s.name: s.numerical_error for s in scoring.scores_of("thalweg", "flow", errors, bars=half)}
     changed = 0.1 * TABLE.modelled
     assert found == {
         "front_error": 12.0,
@@ -162,7 +164,8 @@ def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
         {"map": "speed", "squared_sum": 400.0, "reached_area": 100.0},
     ]
     bars = scores.ErrorBars({"fields": fields})
-    arrivals = scoring.arrival_scores("gauges", scores.arrival_errors([1.0, 2.0, np.inf], [1.0, 3.0, 4.0]), bars)
+    errors = scores.arrival_errors([1.0, 2.0, np.inf], [1.0, 3.0, 4.0])
+    arrivals = scoring.scores_of("arrival", "gauges", errors, bars=bars.of_arrival(3))
     assert [s.numerical_error for s in arrivals] == [0.4, 0.9, pytest.approx(0.3)]  # of three arrivals
-    speeds = scoring.point_scores("gauges", scores.point_errors([1.0], [2.0]), "m s-1", bars, "speed")
+    speeds = scoring.scores_of("points", "gauges", scores.point_errors([1.0], [2.0]), "m s-1", bars.at_points("speed"))
     assert [s.numerical_error for s in speeds] == [2.0, 2.0]

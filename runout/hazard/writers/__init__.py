@@ -24,21 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Products:
-    """What an ensemble gives, before it is written.
-
-    Attributes
-    ----------
-    hazard : xarray.Dataset
-        All maps over the members, with coordinates, units and attributes as in ``hazard.nc``.
-    ensemble : Ensemble
-    site : Site
-    terrain : Terrain
-    releases : sequence of Release
-    observed : Observations or None
-    built : StructureProducts
-    results : Path
-        Folder for the files.
-    """
+    """What an ensemble gives, before it is written: ``hazard`` has all maps, with coordinates, units and attributes of files."""
 
     hazard: "xr.Dataset"
     ensemble: Ensemble

@@ -1,12 +1,15 @@
 """``outlines.gpkg``: releases, areas of equal probability, structures, probes and observations as vector layers with styles."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runout.hazard.observed import observed_layers
 from runout.hazard.outline_style import outline_styles
-from runout.hazard.products import probe_layers
 from runout.hazard.writers import Products
 from runout.io.vector import write_outlines
+
+if TYPE_CHECKING:
+    from runout.model.probes import Probes
 
 
 def write(products: Products) -> list[Path]:
@@ -24,3 +27,15 @@ def write(products: Products) -> list[Path]:
         further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())},
     )
     return [path]
+
+
+def probe_layers(probes: "Probes | None") -> dict[str, tuple[str, list[dict[str, Any]]]]:
+    """Layers ``probes`` and ``cross_sections``: type of geometry, and rows with ``name`` and ``geometry``; none without probes."""
+    from shapely import LineString, Point
+
+    if probes is None:
+        return {}
+    points = [{"name": p.name, "geometry": Point(p.easting, p.northing)} for p in probes.points]
+    lines = [{"name": s.name, "length_m": s.length, "geometry": LineString(s.vertices)} for s in probes.cross_sections]
+    found = {"probes": ("Point", points), "cross_sections": ("LineString", lines)}
+    return {name: layer for name, layer in found.items() if layer[1]}

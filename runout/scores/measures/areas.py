@@ -1,4 +1,4 @@
-"""Scores of the area that a model and an observation say is reached: Wilks 2011, section 8.2."""
+"""Scores of the area that a model and an observation say is reached, and of the probability that it is: Wilks 2011, section 8."""
 
 from math import inf
 from operator import attrgetter
@@ -21,5 +21,10 @@ SCORES = (
     Definition(
         "area_bias", "area bias", "1", 0, inf, 1, "modelled over observed area", "no observed area", WILKS,
         values={"area": attrgetter("area_bias")},
+    ),
+    Definition(
+        "brier", "Brier", "1", 0, 1, 0,
+        "mean square difference of probability and reached share of the cells where either is above 0",
+        "neither reaches a known cell", "Wilks 2011, sec. 8.4.2",
     ),
 )  # fmt: skip

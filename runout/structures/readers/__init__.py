@@ -1,7 +1,6 @@
 """Formats of structures: each file of this folder reads one, and no other file lists them.
 
-A file has ``READER``, a :class:`StructureReader`. It imports what it reads with in its functions: every site states which reader
-its files have before any is read.
+A file has ``READER``, a :class:`StructureReader`.
 """
 
 from collections.abc import Callable, Iterator
