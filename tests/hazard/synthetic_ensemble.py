@@ -78,6 +78,8 @@ class FakeSite:
             title="A made-up valley",
             description="A hypothetical release.",
             metadata=None,
+            structures=None,
+            terrain=SimpleNamespace(dem="inputs/dem.tif"),
             hazard=SimpleNamespace(
                 thickness_thresholds=[0.1, 1.0, 2.0],
                 speed_thresholds=[1.0, 5.0],
@@ -111,7 +113,6 @@ class FakeSite:
             probes=lambda: None,
             obstacles=lambda: [dam],
             observations=lambda: Reading(None),
-            may_hold_bodies=False,
             paths=lambda *_: [self.folder / "inputs" / "dem.tif"],
             known=SimpleNamespace(sha256=sha256),
         )

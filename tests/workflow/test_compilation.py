@@ -39,8 +39,8 @@ def test_the_kernels_of_the_members_are_compiled(compiled):
 
 def test_sites_on_a_gpu_compile_nothing_for_the_processor(compiled):
     site = read_site(JACKSBORO)
-    settings = site.settings.model_copy(update={"simulation": site.settings.simulation.model_copy(update={"device": "cuda:0"})})
-    assert compile_ahead(type(site)(site.folder, site.file, site.name, settings)) is None
+    simulation = site.settings.simulation.model_copy(update={"device": "cuda:0"})
+    assert compile_ahead(site.with_settings(simulation=simulation)) is None
     assert not compiled
 
 
