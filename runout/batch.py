@@ -306,11 +306,11 @@ class _Together:
         looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= taken[k]] for k in running}
         going_on = [k for k in running if done[k]]
         dt, look = [run.dt for run in self.runs], lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
-        self.batch.advance(dt, taken, looks, look, going_on)
+        self.batch.advance(dt, taken, looks, look, going_on, [run.substeps for run in self.runs])
         self.rows = []
         for k in running:
             self.todo[k] -= taken[k]
-            self.runs[k].engine.counters.steps += taken[k]
+            self.runs[k].engine.counters.add(self.runs[k].substeps, 0, taken[k])
         for k in sorted(running):
             if self.todo[k] == 0 and not self.batch.failure(k):
                 self.runs[k].arrive(self.planned[k])

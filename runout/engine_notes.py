@@ -30,7 +30,7 @@ DAY, SHORT = 86_400.0, 600.0  # [s] that a note counts, and one from a measureme
 MONTH = 30  # times as long: how long notes are kept, and count where that is better than none
 COMPILERS = ("numpy", "numba", "llvmlite", "warp-lang")
 SOURCES = ("backends", "physics", "model")  # packages whose change changes the kernels
-OF_KERNELS = ("backend", "device", "precision", "transfer", "f_bar")
+OF_KERNELS = ("backend", "device", "precision", "transfer", "f_bar", "substeps")
 OF_SCENE = ("cell_size", "particles_per_cell")
 
 

@@ -101,8 +101,8 @@ class Run:
         self.pending, self.reason = list(control.snapshot_times), ""
         self.looks: list[int] = []
         self.frame_before: Frame | None = None  # the last state before the next snapshot
-        self.planned = self.made = self.first_look = 0
-        self.look_every = 1
+        self.planned = self.made = self.first_look = 0  # transfers of the series
+        self.look_every = self.substeps = 1
         self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
         self.particle_volume = 0.0  # mean [m3]
 
@@ -176,9 +176,9 @@ class Run:
         )
 
     def depth_resolution(self) -> DepthResolution:
-        """Resolution of the flow so far, with the mean time step."""
-        depth, steps = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.steps
-        return DepthResolution.of(depth, self.scene, self.time / max(1, steps), self.particle_volume)
+        """Resolution of the flow so far, with the mean length of a transfer."""
+        depth, transfers = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.transfers
+        return DepthResolution.of(depth, self.scene, self.time / max(1, transfers), self.particle_volume)
 
     def go(self) -> None:
         """Step until the end time or rest."""
@@ -189,15 +189,15 @@ class Run:
                 self.keep.write(self._state(clock.perf_counter() - started))
             count = self.plan(BATCH)
             if isinstance(self.engine, BatchBackend):
-                self.engine.steps(self.dt, count, self.looks, self.look)
+                self.engine.steps(self.dt, count, self.looks, self.look, self.substeps)
             else:
                 count = self._step_singly(count)
             self.arrive(count)
 
     def _step_singly(self, count: int) -> int:
-        """Make the planned steps one by one, until one of them would be unstable; returns how many have been made."""
+        """Make the planned transfers one by one, until one of them would be unstable; returns how many have been made."""
         for step in range(1, count + 1):
-            self.engine.step(self.dt)
+            self.engine.step(self.dt, self.substeps)
             if step in self.looks:
                 started = clock.perf_counter()
                 self._note(self._time_after(step), self._columns())
@@ -221,10 +221,10 @@ class Run:
             self._observe()
 
     def plan(self, most: int) -> int:
-        """Set the next time step [s]; returns the number of such steps until the next record, at most ``most``.
+        """Set the next time step [s] and the number of substeps; returns the transfers until the next record, at most ``most``.
 
-        ``looks`` are those after which the maps are updated. Length and number of the steps of a series follow from the flow, the
-        rows of the ledger and the end. Snapshots and forces interrupt a series but do not change it.
+        ``looks`` are those after which the maps are updated. Length and number of the transfers of a series follow from the flow,
+        the rows of the ledger and the end. Snapshots and forces interrupt a series but do not change it.
         """
         if self.made < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
             self._end_series()
@@ -240,38 +240,44 @@ class Run:
         return count
 
     def _plan_series(self, most: int) -> None:
-        """Set length and number of the next steps, and the looks after them.
+        """Set length and number of the next transfers, and the looks after them.
 
-        A step is at most twice as long as the one before. The last steps before the end are equal: where less than a step would be
-        left behind the series, the time to the end is divided by their number.
+        A step is at most twice as long as the one before. The last transfers before the end are equal: where less than one would
+        be left behind the series, the time to the end is divided by their number.
         """
         control, longest = self.control, 2.0 * self.dt or math.inf
         left = control.end_time - self.time
         self.begun, self.made = self.time, 0
         self.dt = _on_ladder(min(self.engine.stable_step(), longest))
+        self.substeps = self.scene.substep_count(self.dt, self.engine.max_speed)
         count = max(1, min(self._bearable(most), self._steps_until(self.ledger_due)))
-        if left < (count + 1) * self.dt:
-            to_end = max(1, math.ceil(left / self.dt - 1e-9))
-            self.dt, count = left / to_end, min(count, to_end)
+        if left < (count + 1) * self.length:
+            to_end = max(1, math.ceil(left / self.length - 1e-9))
+            self.dt, count = left / (to_end * self.substeps), min(count, to_end)
         self.planned = count
         crossing = control.crossing * self.scene.observed_length / max(self.engine.max_speed, 1e-3)
         wait = min(control.end_time / OBSERVATIONS, crossing)
-        self.first_look, self.look_every = max(1, self._steps_until(self.due)), max(1, int(wait / self.dt))
+        self.first_look, self.look_every = max(1, self._steps_until(self.due)), max(1, int(wait / self.length))
         if self.first_look <= count:
             last = count - (count - self.first_look) % self.look_every
-            self.due = self.time + self.dt * last + wait
+            self.due = self.time + self.length * last + wait
+
+    @property
+    def length(self) -> float:
+        """Length [s] of a transfer."""
+        return self.dt * self.substeps
 
     def _steps_until(self, time: float) -> int:
-        """Number of steps of the series that reach a time [s]."""
-        return math.ceil((time - self.begun) / self.dt - 1e-9)
+        """Number of transfers of the series that reach a time [s]."""
+        return math.ceil((time - self.begun) / self.length - 1e-9)
 
     def _time_after(self, steps: int) -> float:
-        """Time [s] after so many more steps; equal bit by bit however the series is interrupted."""
-        return self.begun + self.dt * (self.made + steps)
+        """Time [s] after so many more transfers; equal bit by bit however the series is interrupted."""
+        return self.begun + self.length * (self.made + steps)
 
     def _steps_before_snapshot(self) -> int:
-        """Number of steps to the last state before the next snapshot, or, from that state, which is kept, 1."""
-        ahead = (self.pending[0] - self.time) / self.dt
+        """Number of transfers to the last state before the next snapshot, or, from that state, which is kept, 1."""
+        ahead = (self.pending[0] - self.time) / self.length
         if ahead > 1.0 - 1e-9:
             return max(1, int(ahead + 1e-9))
         if self.frame_before is None:
@@ -279,8 +285,8 @@ class Run:
         return 1
 
     def _bearable(self, most: int) -> int:
-        """At most so many steps of the present length, which stay stable while gravity speeds up the fastest particle."""
-        fall = self.dt * float(np.linalg.norm(self.scene.gravity))
+        """At most so many transfers of the present length, which stay stable while gravity speeds up the fastest particle."""
+        fall = self.length * float(np.linalg.norm(self.scene.gravity))
         while most > 1 and not self.scene.bears(self.dt, self.engine.max_speed + (most - 1) * fall):
             most = 3 * most // 4
         return most

@@ -37,6 +37,7 @@ def build_scene(
     flip_ratio: float = 0.95,
     f_bar: bool = False,
     sleep_speed: float = 0.0,
+    substeps: int = 1,
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     initial_stress: str = "at_rest",
@@ -81,8 +82,8 @@ def build_scene(
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
-        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
-        strength=strength, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
+        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, strength=strength,
+        friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
         structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, seed)

@@ -46,6 +46,7 @@ def simulate(
     flip_ratio: float = 0.95,
     f_bar: bool = False,
     sleep_speed: float = 0.0,
+    substeps: int = 1,
     initial_stress: str = "at_rest",
     accuracy: str | None = None,
     threads: int | None = None,
@@ -104,6 +105,9 @@ def simulate(
         Blocks slower than this [m/s] rest until something moves beside them, on the backend "scan"; 0, the default, switches it
         off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``. Mass beside structures
         stays awake.
+    substeps : int
+        Most substeps of a transfer between particles and grid, 1 to 64: forces and contacts are taken anew in each, the transfer,
+        which damps, is made once (:mod:`runout.physics.substeps`). With "mls" only, without ``f_bar`` and ``sleep_speed``.
     initial_stress : str
         "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional
@@ -151,8 +155,8 @@ def simulate(
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones, initial_stress=initial_stress,
-        basal_friction=basal_friction, structures=named, accept=lambda extent: require_memory(
+        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, friction_zones=friction_zones,
+        initial_stress=initial_stress, basal_friction=basal_friction, structures=named, accept=lambda extent: require_memory(
             expected_memory(
                 extent, terrain.elevation.size, precision, engine, transfer, f_bar, named, basal_friction
             ), engine, memory_gb,

@@ -39,6 +39,7 @@ from runout.physics import (
     numerical_scales,
     plastic,
     structures,
+    substeps,
     tensors,
     timestep,
     transfers,
@@ -46,7 +47,7 @@ from runout.physics import (
 
 PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
-    *(geostatic, contact, structures, blocks, timestep, numerical_scales, flow_columns),
+    *(geostatic, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns),
 )
 _SETTING = threading.RLock()  # of the folder in which numba caches
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp

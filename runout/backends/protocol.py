@@ -93,10 +93,17 @@ class RasterSums:
 class Counters:
     """Work since ``load``; CI checks these counters instead of times."""
 
-    steps: int = 0
+    steps: int = 0  # substeps of all transfers
+    transfers: int = 0
     particle_steps: int = 0
     rebuilds: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def add(self, substeps: int, particles: int, transfers: int = 1) -> None:
+        """Count ``transfers`` of so many substeps and particles."""
+        self.steps += transfers * substeps
+        self.transfers += transfers
+        self.particle_steps += transfers * substeps * particles
 
 
 class Backend(Protocol):
@@ -114,8 +121,8 @@ class Backend(Protocol):
     def stable_step(self) -> float:
         """Largest admissible time step [s] from the acoustic and the particle limit."""
 
-    def step(self, dt: float) -> None:
-        """One explicit step of ``dt`` [s]."""
+    def step(self, dt: float, substeps: int = 1) -> None:
+        """One transfer of ``substeps`` explicit substeps of ``dt`` [s] (:mod:`runout.physics.substeps`)."""
 
     def particles(self) -> Particles:
         """Present particles, ordered by identity."""
@@ -135,14 +142,15 @@ class Backend(Protocol):
 
 @runtime_checkable
 class BatchBackend(Protocol):
-    """A backend that makes several steps without the host. This saves time if a launch costs as much as a step."""
+    """A backend that makes several transfers without the host. This saves time if a launch costs as much as a step."""
 
     def steps(
-        self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None
-    ) -> None:
-        """``count`` explicit steps of ``dt`` [s].
+        self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None,
+        substeps: int = 1,
+    ) -> None:  # fmt: skip
+        """``count`` transfers of ``substeps`` explicit substeps of ``dt`` [s].
 
-        After the steps that ``looks`` names, from 1 on, ``take`` gets the number of the step and its columns: those of
+        After the transfers that ``looks`` names, from 1 on, ``take`` gets the number of the transfer and its columns: those of
         :meth:`WindowBackend.lattice_columns`.
         """
 
@@ -178,8 +186,11 @@ class SceneBatch(Protocol):
     def advance(
         self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None,
         take: Callable[[int, int, RasterSums], None] | None = None, going_on: Collection[int] = (),
+        substeps: Sequence[int] | None = None,
     ) -> None:  # fmt: skip
-        """``count[s]`` steps of ``dt[s]`` [s]; ``take`` gets scene, step and columns, as of :meth:`BatchBackend.steps`.
+        """``count[s]`` transfers of ``substeps[s]`` substeps of ``dt[s]`` [s], by default one each.
+
+        ``take`` gets scene, transfer and columns, as of :meth:`BatchBackend.steps`.
 
         Scenes that are ``going_on`` with steps that began in an earlier call keep the length that was admissible then.
         """

@@ -20,7 +20,7 @@ Sample = Mapping[str, float]  # sampled parameters by name
 ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besides the parameters
 OF_SIMULATION = (  # settings that are arguments under the same name
     *("end_time", "backend", "device", "precision", "cfl", "transfer", "flip_ratio", "f_bar", "sleep_speed", "initial_stress"),
-    "arrival_threshold",
+    *("substeps", "arrival_threshold"),
 )
 
 

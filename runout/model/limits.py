@@ -7,6 +7,7 @@ from numbers import Real
 from typing import Any
 
 from runout.errors import ConfigError, InputError
+from runout.physics.substeps import MOST_SUBSTEPS
 
 LARGEST_CFL = 0.6  # largest Courant number of any material
 LARGEST_RADIANS = 1.5708  # angles up to a quarter turn in radians are taken for radians, not degrees
@@ -75,6 +76,7 @@ LIMITS = {
     "arrival_threshold": Range(1e-6, 1000, "m"),
     "sleep_speed": Range(0, 1000, "m/s"),
     "flip_ratio": Range(0, 1),
+    "substeps": Range(1, MOST_SUBSTEPS),
     "cfl": Range(0, LARGEST_CFL, hint=f"{LARGEST_CFL:g} is usual", open_low=True),
 }
 

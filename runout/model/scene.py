@@ -18,7 +18,7 @@ from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
 from runout.model.structures import StructureField
 from runout.model.surface import Surface
-from runout.physics import geostatic, timestep
+from runout.physics import geostatic, substeps, timestep
 
 STANDARD_GRAVITY = 9.81
 RESERVE = 0.95  # of the Courant number that an isolated particle bears, in steps that runout chooses
@@ -72,6 +72,8 @@ class Scene:
         That fraction, 0 to 1; for "aflip" only.
     f_bar : bool
         Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
+    substeps : int
+        Most substeps of a transfer between particles and grid, 1 to 64 (:mod:`runout.physics.substeps`).
     sleep_speed : float
         Blocks slower than this [m/s] rest until something moves beside them; 0 switches it off; "scan" only.
     friction_zones : FrictionZones or None
@@ -95,6 +97,7 @@ class Scene:
     transfer: str = "mls"
     flip_ratio: float = 0.95
     f_bar: bool = False
+    substeps: int = 1
     sleep_speed: float = 0.0
     friction_zones: FrictionZones | None = None
     unknown: np.ndarray | None = None
@@ -122,6 +125,7 @@ class Scene:
         checked("sleep_speed", self.sleep_speed, error=ConfigError)
         if self.sleep_speed and (self.f_bar or not self.packed):
             raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
+        self._check_substeps()
         if len({m.law for m in self.materials}) != 1:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):
@@ -137,6 +141,14 @@ class Scene:
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
         if self.structures:
             self.structures.require_fits(self.spacing)
+
+    def _check_substeps(self) -> None:
+        checked("substeps", self.substeps, error=ConfigError)
+        if self.substeps != int(self.substeps):
+            raise ConfigError(f"substeps is {self.substeps!r}; it must be a whole number")
+        if self.substeps > 1 and (self.f_bar or self.sleep_speed or not self.packed):
+            also = "it works with transfer mls, without f_bar and sleep_speed; leave these out, or substeps"
+            raise ConfigError(f"substeps is {self.substeps}; {also}")
 
     @cached_property
     def law(self) -> Law:
@@ -282,6 +294,25 @@ class Scene:
             f"{limits[reason]:.4g} s ({most:g} cells of {min(self.spacing):g} m): take {self.stable_step(speed):.4g} s or less "
             "(stable_step)"
         )
+
+    def substep_count(self, dt: float, speed: float) -> int:
+        """Substeps of ``dt`` [s] in the next transfer, while the fastest particle moves at ``speed`` [m/s]."""
+        h = min(self.spacing)
+        if self.substeps == 1 or substeps.is_slow(speed, dt, h):
+            return 1
+        fitting = int(substeps.longest_transfer(speed, math.hypot(*self.gravity), h) / dt + 1e-9)
+        return max(1, min(self.substeps, fitting))
+
+    def require_substeps(self, count: int) -> None:
+        """Nothing, if a transfer of ``count`` substeps is within :attr:`substeps`.
+
+        Raises
+        ------
+        ConfigError
+            If it is not: kernels and memory are made for that number.
+        """
+        if not 1 <= count <= self.substeps:
+            raise ConfigError(f"a transfer of {count} substeps; the scene has {self.substeps} at most (Scene.substeps)")
 
     def _limits(self, speed: float, cfl: float) -> dict[str, float]:
         """Limits of the time step [s] by name."""

@@ -44,7 +44,7 @@ class _Kernels:
             stated.precision,
             bool(terrain.friction_zones or terrain.friction_rasters),
             may_hold_bodies(site.settings),
-            {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed},
+            {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed, "substeps": stated.substeps},
         )
 
     @property

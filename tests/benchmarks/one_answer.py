@@ -1,6 +1,7 @@
 """Run-out, area and numerical dissipation by grid spacing and by the place of the grid: one answer whatever the grid.
 
     RUNOUT_DATA=DIR python -m tests.benchmarks.one_answer OUT [--backend hash --device cuda:0] [--processes 4]
+        [--substeps 4] [--half-width 0.7]
 
 Nine spacings between 0.7 and 4 cells of the raster, and at two of them four places of the grid: the raster loses 0 to 3 columns in
 the west and rows in the south. Sites: Frank Slide (20 m), avaKot (5 m, 12 m of rock in place of snow), and the made raster of
@@ -44,11 +45,20 @@ def scenario(site: str) -> dict[str, Any]:
     return {"terrain": terrain, "release": [release], "material": rock, "basal_friction_angle": 15.0, "end_time": 100.0}
 
 
-def run(task: tuple[str, float, int, str, str]) -> dict[str, Any]:
+def filter_by(share: float) -> None:
+    """Make the half-width of the filter of the ground so many times what it is, in this process: a study of that choice."""
+    from runout.terrain import relief
+
+    usual = relief.filtered
+    if share != 1.0:
+        relief.filtered = lambda z, half_width, places: usual(z, share * half_width, places)
+
+
+def run(task: tuple[str, float, int, str, str, int]) -> dict[str, Any]:
     """Distances [m] from the centre of the release, and area [m2], of one run."""
     import runout
 
-    site, ratio, place, backend, device = task
+    site, ratio, place, backend, device, substeps = task
     arguments = scenario(site)
     whole, thickness = arguments["terrain"], np.asarray(arguments["release"][0].thickness)
     rows = whole.shape[0] - place
@@ -56,7 +66,14 @@ def run(task: tuple[str, float, int, str, str]) -> dict[str, Any]:
     thickness = np.ascontiguousarray(thickness[:rows, place:])
     release = runout.Release.from_array(thickness, terrain, placement="on_surface")
     size = ratio * float(np.mean(whole.cell_size))
-    changed = {"terrain": terrain, "release": release, "cell_size": size, "backend": backend, "device": device}
+    changed = {
+        "terrain": terrain,
+        "release": release,
+        "cell_size": size,
+        "backend": backend,
+        "device": device,
+        "substeps": substeps,
+    }
     result = runout.simulate(**{**arguments, **changed}, threads=1)
     maps, area = result.maps, float(np.prod(whole.cell_size))
     deposit, peak = (np.nan_to_num(maps[name].values) for name in ("deposit_thickness", "max_flow_thickness"))
@@ -80,10 +97,14 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--sites", nargs="+", default=SITES)
+    parser.add_argument("--substeps", type=int, default=1)
+    parser.add_argument("--half-width", type=float, default=1.0, help="of the filter of the ground, over the usual one")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
-    tasks = [(s, r, p, chosen.backend, chosen.device) for s in chosen.sites for r in RATIOS for p in (0, *PLACES.get(r, ()))]
-    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
+    how = chosen.backend, chosen.device, chosen.substeps
+    tasks = [(s, r, p, *how) for s in chosen.sites for r in RATIOS for p in (0, *PLACES.get(r, ()))]
+    each = {"initializer": filter_by, "initargs": (chosen.half_width,)}
+    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn"), **each) as pool:
         rows = list(pool.map(run, sorted(tasks, key=lambda t: t[1])))
     rows.sort(key=lambda row: (row["site"], row["ratio"], row["place"]))
     engine = f"{chosen.backend} on {chosen.device}"

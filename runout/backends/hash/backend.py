@@ -59,15 +59,17 @@ class HashBackend(Batch):
         """Take over a scene and its particles."""
         super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense)
 
-    def step(self, dt: float) -> None:
-        """One explicit step of ``dt`` [s]."""
-        self.advance([dt], [1])
+    def step(self, dt: float, substeps: int = 1) -> None:
+        """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""
+        self.advance([dt], [1], substeps=[substeps])
 
     def steps(
-        self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None
-    ) -> None:
-        """``count`` explicit steps of ``dt`` [s]; the host looks in only when particles are sorted or the index must grow."""
-        self.advance([dt], [count], {0: looks}, (lambda _, step, columns: take(step, columns)) if take else None)
+        self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None,
+        substeps: int = 1,
+    ) -> None:  # fmt: skip
+        """``count`` transfers of ``substeps`` of ``dt`` [s]; the host looks in when particles are sorted or the index grows."""
+        each = (lambda _, step, columns: take(step, columns)) if take else None
+        self.advance([dt], [count], {0: looks}, each, substeps=[substeps])
 
     def checkpoint(self) -> State:
         """The state between two steps, for :meth:`restore`."""

@@ -152,7 +152,7 @@ class Batch:
 
     def advance(
         self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None, take: Take | None = None,
-        going_on: Collection[int] = (),
+        going_on: Collection[int] = (), substeps: Sequence[int] | None = None,
     ) -> None:  # fmt: skip
         """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted.
 
@@ -164,6 +164,8 @@ class Batch:
         with self._on_device():
             self.looks.find_mass(self.parts, self.report, self.accounts, np.asarray(dt, float) * np.asarray(count))
         self.report.forget()
+        for scene, number in zip(self.parts.scenes.scenes, substeps or (), strict=False):
+            scene.require_substeps(number)
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
@@ -243,6 +245,7 @@ class Batch:
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
         self.counters.steps += done
+        self.counters.transfers += done
         self.looks.made += np.minimum(done, left)
         held = [parts.store.n] if len(self.accounts) == 1 else [a.particles for a in self.accounts]
         self.counters.particle_steps += int(np.minimum(done, left) @ np.array(held))

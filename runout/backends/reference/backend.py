@@ -6,7 +6,7 @@ et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by gradients of weights, symplecti
 
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,29 @@ def compiled_loops(law: Law, friction: FrictionLaw) -> SimpleNamespace:
 def create(threads: int | None = None) -> "ReferenceBackend":
     """A reference backend; it runs on one thread, ``threads`` has no effect."""
     return ReferenceBackend()
+
+
+class _Motion(NamedTuple):
+    """Way (n, 3) [m] of the particles since the start of a transfer, and its gradient (n, 9) [1]."""
+
+    way: np.ndarray
+    deformation: np.ndarray
+
+    @classmethod
+    def none(cls, particles: int) -> "_Motion":
+        """That at the start."""
+        return cls(np.zeros((particles, 3)), np.zeros((particles, 9)))
+
+
+class _GroundContacts(NamedTuple):
+    """Particles (m,) by number, their gap when they were found [m], normal (m, 3), compliance [1/kg], area [m2] and friction."""
+
+    chosen: np.ndarray
+    gap: np.ndarray
+    normal: np.ndarray
+    compliance: np.ndarray
+    area: np.ndarray
+    basal: np.ndarray
 
 
 class ReferenceBackend:
@@ -79,11 +102,11 @@ class ReferenceBackend:
         """Largest admissible time step [s] from the acoustic and the particle limit."""
         return self.scene.stable_step(self._max_speed())
 
-    def step(self, dt: float) -> None:
-        """One explicit step of ``dt`` [s]."""
+    def step(self, dt: float, substeps: int = 1) -> None:
+        """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""
         self.scene.require_stable(dt, self._max_speed(), self.counters.steps + 1)
-        self.counters.steps += 1
-        self.counters.particle_steps += len(self._p)
+        self.scene.require_substeps(substeps)
+        self.counters.add(substeps, len(self._p))
         self._contacts, self._dt, self._share = 0, dt, contact.kept_share(dt, self._dt)
         if not len(self._p):
             return
@@ -91,13 +114,21 @@ class ReferenceBackend:
         stencils = Stencils(self._p, self.spacing, self.period)
         mass, given, velocity = self._particles_to_grid(stencils, dt)
         self.watch(stencils, mass[:, 0], velocity)
-        if self.scene.surface is not None:
-            self._touch_ground(stencils, mass, velocity, dt)
-        if self.structures:
-            self.structures.touch(self._p, stencils, mass, velocity, dt, self._share)
+        moved, lasting = _Motion.none(len(self._p)), substeps * dt
+        on_ground = self._find_ground(stencils, mass, lasting) if self.scene.surface is not None else None
+        on_structures = self.structures.find(self._p, lasting) if self.structures else None
+        for substep in range(substeps):
+            if substep:
+                self._grid_to_particles(stencils, velocity, dt, moved)
+                self._push_nodes(stencils, mass, velocity, dt, moved)
+            if on_ground:
+                self._touch_ground(on_ground, moved.way, stencils, mass, velocity, dt, first=not substep)
+            if self.structures and on_structures:
+                share = 1.0 if substep else self._share
+                self.structures.touch(self._p, on_structures, moved.way, stencils, mass, velocity, dt, share)
         slips = self._slips(stencils, given) if self.scene.keeps else ()
-        self._grid_to_particles(stencils, velocity, dt)
-        self._move(dt)
+        self._grid_to_particles(stencils, velocity, dt, moved)
+        self._move(moved.way, lasting)
         for mine, slip in zip((self._p.velocity, self._p.affine), slips, strict=False):
             mine[:] = np.stack(kept_velocity(np.moveaxis(mine, -1, 0), np.moveaxis(slip, -1, 0), self.scene.keeps), axis=-1)
         self._let_escape()
@@ -171,27 +202,45 @@ class ReferenceBackend:
         force = 0.0 if self.scene.packed else quotient(stencils.scatter_slopes(impulse), mass)
         return mass, given, given + force + dt * np.array(self.scene.gravity)
 
-    def _touch_ground(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
-        """Change nodal velocities by one impulse of the ground per contact particle."""
+    def _push_nodes(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, moved: "_Motion") -> None:
+        """Add the internal force of the present stress and gravity over a substep to the nodal velocities."""
+        (stress, _), at_start = self._stress_and_energy(), np.zeros((len(self._p), 9))
+        self.loops.refer_stress(stress, moved.deformation, at_start)
+        impulse = (-dt * self._p.volume)[:, None, None] * at_start.reshape(-1, 3, 3) * self.inverse_inertia
+        velocity += quotient(stencils.scatter(np.einsum("pij,pnj->pni", impulse, stencils.arm)), mass)
+        velocity += dt * np.array(self.scene.gravity)
+
+    def _find_ground(self, stencils: Stencils, mass: np.ndarray, lasting: float) -> "_GroundContacts":
+        """Particles that touch the ground within a transfer, which is ``lasting`` [s]."""
         x, touches = self._p.position(self.spacing), np.zeros(len(self._p), np.bool_)
         elevation, east, north = self.scene.ground.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
         gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
         band = self.scene.contact_band * self.spacing.min()
-        self.loops.find_contacts(self._p.velocity, self._p.radius, dt, band, gap, normal, touches)
+        self.loops.find_contacts(self._p.velocity, self._p.radius, lasting, band, gap, normal, touches)
         self._contacts = len(chosen := np.flatnonzero(touches))
         compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
-        p, work, area = self._p.take(chosen), np.zeros(len(chosen)), contact_areas(self.scene, stencils, chosen, normal[chosen, 2])
-        impulses = self._share * begun_impulses(self.scene, p, dt)
+        area = contact_areas(self.scene, stencils, chosen, normal[chosen, 2])
+        basal = self.basal[self.scene.basal.rows(self._p.release[chosen], *x[chosen].T[:2])]
+        return _GroundContacts(chosen, gap[chosen], normal[chosen], compliance, area, basal)
+
+    def _touch_ground(
+        self, contacts: "_GroundContacts", way: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float,
+        *, first: bool,
+    ) -> None:  # fmt: skip
+        """Change nodal velocities by one impulse of the ground per contact particle; the ``first`` substep starts from a share."""
+        chosen, gap, normal, compliance, area, basal = contacts
+        p, work, present = self._p.take(chosen), np.zeros(len(chosen)), np.zeros(len(chosen))
+        self.loops.move_gaps(gap, normal, way[chosen], present)
+        impulses = self._share * begun_impulses(self.scene, p, dt) if first else dt * p.ground_force
         velocity += quotient(stencils.scatter(impulses, chosen), mass)
         u, given = stencils.gather(velocity, chosen), impulses.copy()
-        basal = self.basal[self.scene.basal.rows(p.release, *p.position(self.spacing).T[:2])]
-        self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, basal, area, dt, impulses, work)
+        self.loops.take_impulses(p.velocity, u, normal, present, compliance, basal, area, dt, impulses, work)
         velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
         if self.scene.basal.law.drags_column:
-            drags = column_drags(self.scene, u, normal[chosen], impulses, basal, area, dt)
+            drags = column_drags(self.scene, u, normal, impulses, basal, area, dt)
             done, push = slow_columns(self.scene, self._p, stencils, mass, velocity, stencils.scatter(drags, chosen), dt)
             self._basal, self._basal_impulse = self._basal - done, self._basal_impulse + push
 
@@ -204,21 +253,24 @@ class ReferenceBackend:
         seen = velocity[stencils.node]
         return np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia  # type: ignore[no-any-return]
 
-    def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
+    def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float, moved: "_Motion") -> None:
+        """Velocities and strain of the particles after a substep; adds it to what they have ``moved`` in the transfer."""
         p, work = self._p, np.zeros(len(self._p))
         p.velocity, p.affine = stencils.gather(velocity), self._affine(stencils, velocity)
         gradient = dt * (p.affine if self.scene.packed else stencils.gradient(velocity)).reshape(-1, 9)
+        moved.way[:] += dt * p.velocity
         if self.scene.f_bar:
             mean = stencils.gather(stencils.average(p.volume, dilatation(gradient.T)))[:, 0]
             gradient = np.column_stack(with_dilatation(gradient.T, mean, 1.0))
+        self.loops.follow_deformation(gradient, moved.deformation)
         self.scene.law.set_step(self.table, dt)
         self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, work)
         self._plastic += float(p.volume @ work)
 
-    def _move(self, dt: float) -> None:
-        p, cells = self._p, dt * self._p.velocity / self.spacing
+    def _move(self, way: np.ndarray, lasting: float) -> None:
+        p, cells = self._p, way / self.spacing
         if not np.abs(cells).max() < 1.0:  # not a number is refused too
-            moved = f"{np.abs(cells).max():.3g} cells in step {self.counters.steps} of {dt:.3g} s"
+            moved = f"{np.abs(cells).max():.3g} cells in step {self.counters.steps} of {lasting:.3g} s"
             raise StabilityError(f"a particle moved {moved}; use a smaller cfl")
         offset = p.offset + cells
         shift = np.floor(offset - 0.5)

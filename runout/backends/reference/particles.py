@@ -18,6 +18,7 @@ from runout.physics.structures import (
     separation_slopes,
     stopping_impulse,
 )
+from runout.physics.substeps import inverse_deformation, moved_gap, present_gradient, stress_at_start
 from runout.physics.tensors import dot, sym, tens, vec
 
 
@@ -46,6 +47,44 @@ def take_stress(strain: Any, release: Any, table: Any, stress: Any, energy: Any)
         energy[p] = energy_density(h, table[release[p]])
         for k in range(6):
             stress[p, k] = tau[k]
+
+
+def follow_deformation(gradient: Any, deformation: Any):
+    """Refer the velocity gradients times a substep (n, 9) [1] to present places, and add what they were to the ``deformation``.
+
+    ``deformation`` (n, 9) [1] is the gradient of the way since the start of the transfer.
+    """
+    for p in range(len(gradient)):
+        L, G = gradient[p], deformation[p]
+        rate = tens(L[0], L[1], L[2], L[3], L[4], L[5], L[6], L[7], L[8])
+        way = tens(G[0], G[1], G[2], G[3], G[4], G[5], G[6], G[7], G[8])
+        present = present_gradient(rate, inverse_deformation(way))
+        for k in range(9):
+            deformation[p, k] += rate[k]
+            gradient[p, k] = present[k]
+
+
+def refer_stress(stress: Any, deformation: Any, at_start: Any):
+    """Write the stress ``at_start`` (n, 9) [Pa] of the transfer from the Kirchhoff ``stress`` (n, 6) [Pa] and the deformation."""
+    for p in range(len(stress)):
+        tau, G = stress[p], deformation[p]
+        way = tens(G[0], G[1], G[2], G[3], G[4], G[5], G[6], G[7], G[8])
+        P = stress_at_start(sym(tau[0], tau[1], tau[2], tau[3], tau[4], tau[5]), inverse_deformation(way))
+        for k in range(9):
+            at_start[p, k] = P[k]
+
+
+def move_gaps(gap: Any, normal: Any, way: Any, moved: Any):
+    """Write the gaps or distances (n,) [m] of particles that have gone a ``way`` (n, 3) [m] since they were found."""
+    for p in range(len(gap)):
+        n, gone = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(way[p, 0], way[p, 1], way[p, 2])
+        moved[p] = moved_gap(gap[p], n, gone)
+
+
+def gaps_of(distance: Any, radius: Any, gap: Any):
+    """Write the ``gap`` (n,) [m] of particles at a ``distance`` (n,) [m] from structures."""
+    for p in range(len(gap)):
+        gap[p] = contact_gap(distance[p], radius[p])
 
 
 def find_contacts(velocity: Any, radius: Any, dt: Any, band: Any, gap: Any, normal: Any, touches: Any):
@@ -93,12 +132,11 @@ def measure_structures(corners: Any, inside: Any, place: Any, distance: Any, nor
             normal[p, k] = n[k]
 
 
-def touch_structures(velocity: Any, radius: Any, dt: Any, band: Any, distance: Any, normal: Any, gap: Any, touches: Any):
-    """Write the ``gap`` (n,) [m], and whether each particle ``touches`` (n,) a structure within the step."""
-    for p in range(len(gap)):
+def touch_structures(velocity: Any, radius: Any, dt: Any, band: Any, distance: Any, normal: Any, touches: Any):
+    """Say whether each particle ``touches`` (n,) a structure within ``dt`` [s]."""
+    for p in range(len(touches)):
         v, n = vec(velocity[p, 0], velocity[p, 1], velocity[p, 2]), vec(normal[p, 0], normal[p, 1], normal[p, 2])
-        gap[p] = contact_gap(distance[p], radius[p])
-        touches[p] = in_contact(gap[p], dot(v, n), dt, band)
+        touches[p] = in_contact(contact_gap(distance[p], radius[p]), dot(v, n), dt, band)
 
 
 def find_entering(u: Any, normal: Any, distance: Any, dt: Any, band: Any, enters: Any):

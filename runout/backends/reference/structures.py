@@ -19,12 +19,11 @@ NODE = ((CELLS + 1) ** 2, CELLS + 1, 1)  # step of the place in a block along ea
 CORNERS = np.array([i * NODE[0] + j * NODE[1] + k for i in (0, 1) for j in (0, 1) for k in (0, 1)] + [0])  # and none
 
 
-class _Contacts(NamedTuple):
-    """Particles (m,) by number, their distance and gap [m], the normal (m, 3) and the patch (m,)."""
+class Contacts(NamedTuple):
+    """Particles (m,) by number, their distance [m] when they were found, the normal (m, 3) and the patch (m,)."""
 
     chosen: np.ndarray
     distance: np.ndarray
-    gap: np.ndarray
     normal: np.ndarray
     patch: np.ndarray
 
@@ -52,11 +51,19 @@ class StructureContacts:
         """What the next step needs, by name."""
         return arrays_of(self, ("friction",), prefix)
 
-    def touch(self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, share: float) -> None:
-        """Change nodal velocities (nodes, 3) [m/s] in a step of ``dt`` [s]; it starts from a ``share`` [1] of the last forces."""
+    def touch(
+        self, p: Particles, contacts: Contacts, way: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray,
+        dt: float, share: float,
+    ) -> None:  # fmt: skip
+        """Change nodal velocities (nodes, 3) [m/s] in a substep of ``dt`` [s]; it starts from a ``share`` [1] of the last forces.
+
+        ``way`` (n, 3) [m] is that of the particles since the contacts were found.
+        """
         rows = np.searchsorted(self.identity, p.identity)
-        contacts = self._found(p, dt)
-        chosen, _, gap, normal, patch = contacts
+        chosen, distance, normal, patch = contacts
+        moved, gap = np.zeros(len(chosen)), np.zeros(len(chosen))
+        self.loops.move_gaps(distance, normal, way[chosen], moved)
+        self.loops.gaps_of(moved, p.radius[chosen], gap)
         given = share * dt * self.force[rows[chosen]]
         self.force[:] = 0.0
         if not len(chosen):
@@ -71,10 +78,10 @@ class StructureContacts:
         velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
         self.force[rows[chosen]] = impulses / dt
         self._book(patch, impulses, work)
-        self._stop(p, stencils, mass, velocity, dt, contacts)
+        self._stop(p, stencils, mass, velocity, dt, contacts._replace(distance=moved))
 
     def _stop(
-        self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, contacts: _Contacts
+        self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, contacts: Contacts
     ) -> None:
         """Stop the particles whose centres would enter."""
         enters = np.zeros(len(contacts.chosen), np.bool_)
@@ -82,7 +89,7 @@ class StructureContacts:
         self.loops.find_entering(u, contacts.normal, contacts.distance, dt, self.band, enters)
         if not enters.any():
             return
-        chosen, distance, _, normal, patch = (a[enters] for a in contacts)
+        chosen, distance, normal, patch = (a[enters] for a in contacts)
         compliance = _compliance(stencils, chosen, mass)
         impulses, work, v = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), p.velocity[chosen]
         self.loops.stop_entering(v, u[enters], normal, distance, dt, self.band, compliance, impulses, work)
@@ -93,8 +100,8 @@ class StructureContacts:
         self.dissipation -= float(work.sum())
         np.subtract.at(self.impulses, patch, impulses)
 
-    def _found(self, p: Particles, dt: float) -> "_Contacts":
-        """Particles that touch."""
+    def find(self, p: Particles, lasting: float) -> Contacts:
+        """Particles that touch within a transfer, which is ``lasting`` [s]."""
         field, position = self.field, p.position(np.array(self.scene.spacing))
         near, cell, inside = self._cells(position)
         row = field.blocks[tuple(physics.lattice_block(cell).T)]
@@ -102,12 +109,12 @@ class StructureContacts:
         of_nodes = row[:, None], place[:, None] + CORNERS
         corners = field.distance.reshape(len(field.distance), -1)[of_nodes].astype(np.float64)
         patches = field.patch.reshape(len(field.patch), -1)
-        distance, gap, normal = np.zeros(len(near)), np.zeros(len(near)), np.zeros((len(near), 3))
+        distance, normal = np.zeros(len(near)), np.zeros((len(near), 3))
         self.loops.measure_structures(corners, inside, place, distance, normal)
         patch, touches = patches[row, place], np.zeros(len(near), np.bool_)
         self._take_patch(position[near], patches[of_nodes], distance, normal, patch)
-        self.loops.touch_structures(p.velocity[near], p.radius[near], dt, self.band, distance, normal, gap, touches)
-        return _Contacts(*(a[touches] for a in (near, distance, gap, normal, patch)))
+        self.loops.touch_structures(p.velocity[near], p.radius[near], lasting, self.band, distance, normal, touches)
+        return Contacts(*(a[touches] for a in (near, distance, normal, patch)))
 
     def _take_patch(self, x: np.ndarray, nearest: np.ndarray, distance: np.ndarray, normal: np.ndarray, patch: np.ndarray) -> None:
         """Put the patch that faces the contact most; where the trilinear distance is cut short, the closest plane.

@@ -162,15 +162,15 @@ class ScanBackend:
         """Largest admissible time step [s]."""
         return self.scene.stable_step(self.totals.max_speed)
 
-    def step(self, dt: float) -> None:
-        """One explicit step of ``dt`` [s]."""
+    def step(self, dt: float, substeps: int = 1) -> None:
+        """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""
         import numba
 
         s, steps = self.store, self.counters.steps + 1
         self.scene.require_stable(dt, self.totals.max_speed, steps)
+        self.scene.require_substeps(substeps)
         numba.set_num_threads(self.workers.threads)
-        self.counters.steps = steps
-        self.counters.particle_steps += s.n
+        self.counters.add(substeps, s.n)
         if s.n == 0:
             return
         clock = _Clock(self.counters.seconds)

@@ -30,24 +30,26 @@ def bar(cells: int, offset: float) -> tuple[Particles, np.ndarray]:
 
 
 def vibration(
-    cells: int, cfl: float = CFL, offset: float = 0.0, periods: int = 10, transfer: Mapping[str, Any] | None = None
-) -> tuple[float, float]:
+    cells: int, cfl: float = CFL, offset: float = 0.0, periods: int = 10, transfer: Mapping[str, Any] | None = None,
+    backend: str = "scan",
+) -> tuple[float, float]:  # fmt: skip
     """Relative error of the period over ten periods, and the remaining share of the initial amplitude.
 
     ``offset`` [cells] is where the free end lies between two nodes, ``transfer`` the choices of the scene besides the usual ones.
+    Transfers have as many substeps as these state.
     """
     p, mode = bar(cells, offset)
     h = np.full(3, LENGTH / cells)
     scene = replace(free_scene(h[0], MATERIAL, cfl=cfl), **(transfer or {}))
-    engine, start = loaded(scene, p), p.position(h)[:, 0]
+    engine, start = loaded(scene, p, backend), p.position(h)[:, 0]
     each = int(np.ceil(PERIOD * MATERIAL.wave_speed / (0.98 * cfl * h[0])))
-    dt, swing = PERIOD / each, [0.0]
-    for _ in range(int(each * (periods + 0.6))):
-        engine.step(dt)
+    dt, swing, substeps = PERIOD / each, [0.0], scene.substeps
+    for _ in range(int(each * (periods + 0.6)) // substeps):
+        engine.step(dt, substeps)
         swing.append(float((engine.particles().position(h)[:, 0] - start) @ mode / (mode @ mode)))
     rises = [k - a / (b - a) for k, (a, b) in enumerate(pairwise(swing)) if a < 0 <= b]
-    left = max(swing[int(rises[periods - 1]) :]) / max(swing[: each // 2])
-    return rises[periods - 1] * dt / (periods * PERIOD) - 1, left
+    left = max(swing[int(rises[periods - 1]) :]) / max(swing[: each // (2 * substeps)])
+    return rises[periods - 1] * substeps * dt / (periods * PERIOD) - 1, left
 
 
 def measure(full: bool) -> list[Result]:

@@ -1,0 +1,87 @@
+"""A transfer of several substeps: every backend gives what the reference gives, and the flow what physics says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import SAND, assert_same, box, engine_of, loaded, plane, scene
+from test_sparse_equals_dense import CASES, CLAY, two_bodies
+
+from runout.errors import ConfigError
+from runout.physics import substeps
+from runout.studies.verification_cases.bar import vibration
+
+DT = 2e-3
+
+
+def transfers(engine, a_scene, particles, count, number, dt=DT):
+    """State, ledger and columns after ``count`` transfers of ``number`` substeps."""
+    loaded(engine, a_scene, particles)
+    for _ in range(count):
+        engine.step(dt, number)
+    return engine.particles(), engine.ledger(), engine.columns()
+
+
+def slump(surface, spacing=(1.0, 1.0, 1.0)):
+    return box((20.0, 30.0, 0.0), (6.0, 4.0, 3.0), spacing, SAND.density, surface=surface)
+
+
+def test_one_substep_is_a_step():
+    surface, spacing = CASES["tilted plane, flat cells"]
+    particles = two_bodies(surface, spacing)
+    one = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
+    expected = transfers(engine_of("reference"), one, particles, 20, 1)
+    found = transfers(engine_of("reference"), replace(one, substeps=8), particles, 20, 1)
+    assert_same(expected, found, 0.0, spacing)
+
+
+@pytest.mark.parametrize("number", [2, 4, 16])
+def test_free_fall_of_a_transfer_is_that_of_its_substeps(number):
+    a_scene = scene(materials=(SAND,), substeps=number)
+    particles = box((20.0, 30.0, 10.0), (2.0, 2.0, 2.0), a_scene.spacing, SAND.density)
+    state, row, _ = transfers(engine_of("reference"), a_scene, particles, 5, number)
+    n = 5 * number
+    np.testing.assert_allclose(state.velocity, np.tile((0.0, 0.0, -9.81 * n * DT), (len(state), 1)), atol=1e-12)
+    fallen = particles.position(np.ones(3)) - state.position(np.ones(3))
+    np.testing.assert_allclose(fallen[:, 2], 9.81 * DT**2 * n * (n + 1) / 2, rtol=1e-10)
+    np.testing.assert_allclose(state.strain, 0.0, atol=1e-12)
+    assert row.mass == pytest.approx(particles.mass.sum(), rel=1e-14)
+
+
+def test_a_bar_keeps_more_of_its_vibration_with_fewer_transfers():
+    """Small steps damp with each transfer (U6): four substeps of the same size lose less than half."""
+    lost = [1 - vibration(8, 0.1, periods=3, transfer={"substeps": number}, backend="reference")[1] for number in (1, 4)]
+    assert 0 < lost[1] < 0.5 * lost[0]
+
+
+def test_a_transfer_of_more_substeps_than_the_scene_has_is_refused():
+    a_scene = scene(plane(), materials=(SAND,), substeps=4)
+    engine = loaded(engine_of("reference"), a_scene, slump(a_scene.surface))
+    with pytest.raises(ConfigError, match="a transfer of 5 substeps; the scene has 4 at most"):
+        engine.step(DT, 5)
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({"substeps": 0}, "substeps is 0"),
+        ({"substeps": 65}, "substeps is 65"),
+        ({"substeps": 2.5}, "whole number"),
+        ({"substeps": 4, "transfer": "aflip"}, "transfer mls"),
+        ({"substeps": 4, "f_bar": True}, "without f_bar"),
+        ({"substeps": 4, "sleep_speed": 0.1}, "sleep_speed"),
+    ],
+)
+def test_substeps_that_do_nothing_sensible_are_refused(choices, message):
+    with pytest.raises(ConfigError, match=message):
+        scene(plane(), **choices)
+
+
+def test_number_of_substeps_follows_the_speed():
+    a_scene = scene(plane(), materials=(SAND,), substeps=4)
+    dt = a_scene.stable_step(0.0)
+    assert a_scene.substep_count(dt, 0.0) == 1
+    assert a_scene.substep_count(dt, 2 * substeps.SLOWEST / dt) == 4
+    assert a_scene.substep_count(dt, 0.2 / dt) == 2
+    assert a_scene.substep_count(dt, 0.4 / dt) == 1
+    assert replace(a_scene, substeps=1).substep_count(dt, 2 * substeps.SLOWEST / dt) == 1
