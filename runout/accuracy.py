@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import ConfigError
+from runout.model.limits import CFL as CFL
+from runout.model.limits import PARTICLES_PER_CELL as PARTICLES_PER_CELL
 
 if TYPE_CHECKING:
     from runout.model.release import Release
@@ -21,7 +23,6 @@ BOUNDS = "Error bars hold 9 of 10 cases. They hold the error of the grid only, n
 EXPECTED = (
     f"Expected errors are medians of the error bars of {EXAMPLE}; `runout verify SITE --convergence` measures those of this site."
 )
-PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # default; release/arrangement.py has another one for masses that stay thick
 FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
 CHOICES = ("cell_size", "cfl")  # settings of a preset
 

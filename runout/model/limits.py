@@ -10,6 +10,8 @@ from runout.errors import ConfigError, InputError
 from runout.physics.substeps import MOST_SUBSTEPS
 
 LARGEST_CFL = 0.6  # largest Courant number of any material
+CFL = 0.6  # default
+PARTICLES_PER_CELL = (2, 2, 4)  # default; release/arrangement.py has another one for masses that stay thick
 LARGEST_RADIANS = 1.5708  # angles up to a quarter turn in radians are taken for radians, not degrees
 SMALLEST_RADIANS = 0.02  # smaller angles are valid degrees (fluids) and implausible radians
 
