@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.config.site import read_site
 from runout.ensemble.member import plan_members
-from runout.simulation import simulate
+from runout.simulation.single import simulate
 
 SNAPSHOTS = 20
 

@@ -4,7 +4,7 @@ The public names are listed in ``__all__``; they are imported on first use, so t
 of the material and friction laws are among them: each file of :mod:`runout.materials` and :mod:`runout.friction` brings its own.
 """
 
-from runout import ending
+from runout.processes import ending
 
 if ending.is_command():  # before slow imports, and before any from the working directory
     ending.end_at_once()
@@ -36,8 +36,8 @@ _HOME = {
     "Probes": "runout.model.probes",
     "ProbeSeries": "runout.model.probe_series",
     "Scene": "runout.model.scene",
-    "simulate": "runout.simulation",
-    "Result": "runout.result",
+    "simulate": "runout.simulation.single",
+    "Result": "runout.simulation.result",
     "Site": "runout.config.site",
     "read_site": "runout.config.site",
     "ScarpPlane": "runout.slopes.scarp",

@@ -1,10 +1,9 @@
 """Entry point of the command ``runout``. From here on a signal ends the process with one line, also during imports."""
 
-import gc
 import os
 import sys
 
-from runout.ending import end_at_once
+from runout.processes.ending import end_at_once
 from runout.safe_start import begin, ignore_settings
 
 
@@ -13,9 +12,8 @@ def main() -> int:
     end_at_once()
     begin()
     _restart_in_utf8()
-    gc.disable()  # imports leave no garbage to look for; it is enabled before work that takes longer
     from runout.cli import main as command
-    from runout.without_dask import hide_dask
+    from runout.processes.without_dask import hide_dask
 
     hide_dask()
     ignore_settings()

@@ -1,6 +1,5 @@
 """The command ``runout``: parses arguments and delegates."""
 
-import gc
 import inspect
 import logging
 import sys
@@ -12,16 +11,17 @@ from shlex import quote
 from types import TracebackType
 from typing import Annotated, Any
 
-from runout import __version__, interrupt
+from runout import __version__
 from runout.errors import ExitCode, RunoutError
+from runout.processes import interrupt
 
 with interrupt.ended_at_once():  # it takes a moment
     from cyclopts import App, CycloptsError, Group, Parameter
 
     from runout import log
-    from runout.commands import probes, sites, slopes, studies, view
-    from runout.commands.options import Session
+    from runout.commands.options import TRAITS, Session
     from runout.commands.written import require_places
+    from runout.model.registry import parts_of
 
 LOGGER = logging.getLogger(__name__)
 INTERRUPTED, BROKEN_PIPE = 130, 141  # exit codes of shells for a command that Ctrl-C ended, or whose output nobody reads
@@ -33,10 +33,8 @@ app = App(
 )
 app.meta.group_parameters = Group("Options of every command", sort_key=0)
 
-COMMANDS: tuple[Callable[..., int], ...] = (
-    *(*sites.COMMANDS, *probes.COMMANDS, *view.COMMANDS),
-    *(*slopes.COMMANDS, *studies.COMMANDS),
-)
+parts_of("runout.commands", first=("sites", "probes", "view"))
+COMMANDS = tuple(TRAITS)
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)
 
@@ -55,8 +53,6 @@ def launch(
         return _printed(command, bound)
     log.to_terminal(session.verbosity)
     sys.excepthook = partial(_unexpected, session)
-    if command not in sites.SHORT:
-        gc.enable()
     if "session" in injected:
         bound.arguments["session"] = session
     require_places(command, bound.arguments, out)
@@ -68,7 +64,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
     With the arguments of the process, an interrupt ends the process at once.
     """
-    from runout import caches
+    from runout.processes import caches
 
     if tokens is None:
         interrupt.end_at_once()

@@ -186,11 +186,8 @@ _SLOPES = {
 _DIFFERENCES = {
     name: Variable(units, f"difference of the {what}", comment="modelled minus observed, or first minus second product")
     for name, units, what in (
-        ("flow_thickness_difference", "m", "maximum flow thickness"),
-        ("deposit_thickness_difference", "m", "deposit's thickness"),
-        ("speed_difference", "m s-1", "maximum speed"),
-        ("pressure_difference", "Pa", "maximum dynamic pressure"),
-        ("arrival_time_difference", "s", "arrival time"),
+        *((q.difference, q.units, q.extreme) for q in QUANTITIES.values()),
+        (f"{ARRIVAL}_difference", "s", "arrival time"),
         ("elevation_change_difference", "m", "change of elevation"),
     )
 }

@@ -1,8 +1,8 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
-``{friction-laws}`` those of every friction law, and ``{law-classes}`` their classes; ``{variables} max_speed peak_* ...`` lists
-variables of the products; ``{presets}`` the presets of accuracy; ``{scores}`` the scores.
+``{friction-laws}`` those of every friction law, ``{law-classes}`` their classes, and ``{law-formulas}`` their formulas;
+``{variables} max_speed peak_* ...`` lists variables of the products, ``{presets}`` those of accuracy, and ``{scores}`` the scores.
 """
 
 from fnmatch import filter
@@ -59,6 +59,21 @@ class FrictionLawTables(SphinxDirective):
         return nodes
 
 
+class LawFormulas(SphinxDirective):
+    """What the file of each law of runout says of its formula and its papers."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the texts."""
+        import inspect
+
+        from runout.model.friction_laws import FRICTIONS
+        from runout.model.laws import LAWS
+
+        laws = (*LAWS.of_runout(), *FRICTIONS.of_runout())
+        text = "\n".join(f"`{law.name}`:\n\n```text\n{inspect.getdoc(inspect.getmodule(law.declaration))}\n```\n" for law in laws)
+        return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
+
+
 class LawClasses(SphinxDirective):
     """The classes that the files of runout's laws define."""
 
@@ -86,11 +101,11 @@ class VariablesTable(SphinxDirective):
 
 
 class PresetsTable(SphinxDirective):
-    """Table of the presets of :mod:`runout.accuracy`."""
+    """Table of the presets of :mod:`runout.forecast.accuracy`."""
 
     def run(self) -> list[Any]:
         """Nodes of the table."""
-        from runout.accuracy import PRESETS, expected_errors
+        from runout.forecast.accuracy import PRESETS, expected_errors
 
         rows = [
             [
@@ -172,6 +187,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("laws", LawTables)
     app.add_directive("friction-laws", FrictionLawTables)
     app.add_directive("law-classes", LawClasses)
+    app.add_directive("law-formulas", LawFormulas)
     app.add_directive("variables", VariablesTable)
     app.add_directive("presets", PresetsTable)
     app.add_directive("scores", ScoresTable)

@@ -5,8 +5,8 @@ from statistics import median
 from typing import Any
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
-from runout.accuracy import BOUNDS, PRESETS
-from runout.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
+from runout.forecast.accuracy import BOUNDS, PRESETS
+from runout.forecast.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
 from runout.studies.convergence import COARSER
 
 FILE = "error_bars.json"

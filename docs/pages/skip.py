@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
-from runout.checkpoint import EVERY
+from runout.simulation.checkpoint import EVERY
 from tests.benchmarks.skip import FLOWING, RESTING
 
 HEADS = ("switch", "on / off", "time", "share of observers on, off", "same bits", "largest change of a map")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
-from runout.accuracy import CFL, PARTICLES_PER_CELL
+from runout.model.limits import CFL, PARTICLES_PER_CELL
 from runout.release.arrangement import LEVEL
 from tests.benchmarks.error_cases.choice import BASE, PLAN, REPEATED_BELOW
 from tests.benchmarks.error_cases.curve import on_front

@@ -22,7 +22,6 @@ from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
-from runout.caches import compiled_code
 from runout.io.atomic import whole_file
 from runout.model.friction_laws import FrictionLaw
 from runout.model.law_source import functions_of_law
@@ -44,6 +43,7 @@ from runout.physics import (
     timestep,
     transfers,
 )
+from runout.processes.caches import compiled_code
 
 PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),

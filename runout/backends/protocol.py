@@ -314,14 +314,15 @@ def bytes_on_host(
 def bytes_on_device(
     particles: int, blocks: int, precision: str, transfer: str = "mls", f_bar: bool = False,
     structures: StructureField | None = None, friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1,
+    substeps: int = 1,
 ) -> int:  # fmt: skip
     """Memory [byte] that the hash backend takes for so many particles and blocks of nodes.
 
-    ``mixed``: releases whose frictions differ, 1 if all are alike.
+    ``mixed``: releases whose frictions differ, 1 if all are alike. ``substeps``: most of a transfer.
     """
     needed = import_module("runout.backends.hash.backend").bytes_needed
     has = {"transfer": transfer, "f_bar": f_bar, "structures": structures, "friction": friction, "mixed": mixed}
-    return needed(particles, blocks, precision, **has)  # type: ignore[no-any-return]
+    return needed(particles, blocks, precision, substeps=substeps, **has)  # type: ignore[no-any-return]
 
 
 def find_device(wanted: str) -> str:

@@ -1,5 +1,6 @@
-"""Options that several commands share."""
+"""What makes a function a command, and options that several commands share."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +9,35 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from runout.ensemble.cluster import Cluster
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What the command line has to know of a command before it runs.
+
+    Attributes
+    ----------
+    writes : bool
+        Whether it writes to a results folder, which is refused before any work if it cannot be written.
+    short : bool
+        Whether it imports more than it works, so that looking for garbage costs more than it frees.
+    """
+
+    writes: bool = True
+    short: bool = False
+
+
+TRAITS: dict[Callable[..., int], Traits] = {}  # by function, in the order of definition
+
+
+def command(*, writes: bool = True, short: bool = False) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Decorator that makes a function of a file in :mod:`runout.commands` a command of its name; its docstring is the help."""
+
+    def register(function: Callable[..., int]) -> Callable[..., int]:
+        TRAITS[function] = Traits(writes, short)
+        return function
+
+    return register
 
 
 @dataclass(frozen=True)
@@ -30,7 +60,5 @@ Threads = Annotated[
     int | None,
     Parameter(name="--threads", validator=Number(gte=1), help="Threads of each member [default: cores over members at once]."),
 ]
-RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
 Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]
 OnCluster = Annotated[Cluster | None, Parameter(name="*", group="Other machines")]
-Force = Annotated[bool, Parameter(name="--force", negative="", help="Run even if nothing has changed.")]

@@ -1,17 +1,17 @@
 """Commands that write time series at probes and profiles along lines."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from runout.commands.options import Device, Injected, SiteArgument, Threads, Workers
+from runout.commands.options import Device, Injected, SiteArgument, Threads, Workers, command
 from runout.errors import ExitCode
 
 Picture = Annotated[Literal["png", "svg"], Parameter(help="Format of the figures.")]
 
 
+@command()
 def probe(
     site: SiteArgument,
     *,
@@ -38,6 +38,7 @@ def probe(
     return ExitCode.OK
 
 
+@command()
 def profile(
     site: SiteArgument,
     *,
@@ -52,6 +53,3 @@ def profile(
 
     run(site, session.out, line, layer=layer, member=member, picture=picture)
     return ExitCode.OK
-
-
-COMMANDS: tuple[Callable[..., int], ...] = (probe, profile)

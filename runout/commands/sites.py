@@ -1,20 +1,23 @@
 """Commands that make, run and compare sites."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from runout.commands.options import Device, Force, Injected, OnCluster, RetryFailed, Session, SiteArgument, Threads, Workers
+from runout.commands.options import Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
 from runout.commands.written import Written
 from runout.errors import ExitCode
 
 LOGGER = logging.getLogger(__name__)
+RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
+Force = Annotated[bool, Parameter(name="--force", negative="", help="Run even if nothing has changed.")]
 
 
+@command(writes=False)
 def new(
     folder: Annotated[Path, Written(folder=True)],
     *,
@@ -33,6 +36,7 @@ def new(
     return ExitCode.OK
 
 
+@command(writes=False, short=True)
 def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
     from runout.workflow.preview import check_site
@@ -40,6 +44,7 @@ def check(site: SiteArgument, *, device: Device = None, session: Injected) -> in
     return check_site(site, session.out, device)
 
 
+@command(short=True)
 def run(
     site: SiteArgument,
     *,
@@ -58,16 +63,19 @@ def run(
     return _stages(site, STAGES, session, **choices, cluster=cluster)
 
 
+@command(short=True)
 def terrain(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
     """Read and prepare the DEM; write results/terrain.nc."""
     return _stages(site, ("terrain",), session, force=force)
 
 
+@command(short=True)
 def release(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
     """Read and check the release; write results/release.nc."""
     return _stages(site, ("release",), session, force=force)
 
 
+@command(short=True)
 def ensemble(
     site: SiteArgument,
     *,
@@ -84,16 +92,19 @@ def ensemble(
     return _stages(site, ("ensemble",), session, **choices, members=members, cluster=cluster)
 
 
+@command(short=True)
 def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
     """Aggregate the finished members; write results/hazard.nc, maps/ and outlines.gpkg."""
     return _stages(site, ("hazard",), session, force=force)
 
 
+@command(short=True)
 def report(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
     """Write results/report.html."""
     return _stages(site, ("report",), session, force=force)
 
 
+@command(writes=False, short=True)
 def status(site: SiteArgument, *, session: Injected) -> int:
     """List done, failed and remaining members with reasons, and the stages that are up to date."""
     from runout.workflow.status import print_status
@@ -101,6 +112,7 @@ def status(site: SiteArgument, *, session: Injected) -> int:
     return print_status(site, session.out)
 
 
+@command()
 def clean(site: SiteArgument, *, session: Injected) -> int:
     """Remove members that the settings do not use; `runout status` counts them."""
     from runout.workflow.status import clean as clean_site
@@ -108,6 +120,7 @@ def clean(site: SiteArgument, *, session: Injected) -> int:
     return clean_site(site, session.out)
 
 
+@command()
 def simulate(
     site: SiteArgument,
     *,
@@ -129,12 +142,13 @@ def simulate(
     return ExitCode.OK
 
 
+@command()
 def compare(
     first: Annotated[Path, Parameter(help="What is scored: a site, its results, hazard.nc, a member, run.nc, or a raster.")],
     second: Annotated[Path, Parameter(help="What it is scored against: one of these, an outline, or points.")],
     *,
     quantity: Annotated[
-        str | None, Parameter(help="thickness, deposit, change, speed, pressure or arrival [default: all that both have].")
+        str | None, Parameter(help="thickness, speed or another map quantity, change or arrival [default: all that both have].")
     ] = None,
     threshold: Annotated[
         tuple[float, ...], Parameter(consume_multiple=True, negative="", help="Thicknesses [m], or values of --quantity.")
@@ -162,11 +176,3 @@ def _stages(site: Path, stages: Sequence[str], session: Session, **choices: Any)
     from runout.workflow import hazard_map
 
     return hazard_map.run(site, session.out, stages, **choices).exit_code
-
-
-SHORT = (check, run, terrain, release, ensemble, hazard, report, status)  # unless a stage is made, they import more than they work
-COMMANDS: tuple[Callable[..., int], ...] = (
-    *(new, check, run),
-    *(terrain, release, ensemble, hazard, report),
-    *(status, clean, simulate, compare),
-)

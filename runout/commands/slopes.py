@@ -1,12 +1,11 @@
 """Commands on slopes: where a terrain may fail, scarps, and a cheap baseline of the runout."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from runout.commands.options import Injected, SiteArgument
+from runout.commands.options import Injected, SiteArgument, command
 from runout.slopes.choices import MassWasting, PatchChoices, ScarpChoices, Strength
 
 PlaceArgument = Annotated[Path, Parameter(help="Folder of the site, its site.yaml, or an elevation raster.")]
@@ -16,6 +15,7 @@ _Scarp = Annotated[ScarpChoices | None, Parameter(name="*", negative_iterable=()
 _Automaton = Annotated[MassWasting | None, Parameter(name="*", group="Parameters of MassWastingRunout")]
 
 
+@command()
 def suggest_release(
     site: PlaceArgument,
     *,
@@ -35,6 +35,7 @@ def suggest_release(
     return command(site, session.out, terrain_only, strength, releases)
 
 
+@command()
 def scarp(site: PlaceArgument, *, shape: _Scarp = None, session: Injected) -> int:
     """Make a thickness raster that thins out to its rim, above an ellipsoid or planes; writes results/scarp/."""
     from runout.slopes.scarp_raster import command
@@ -42,11 +43,9 @@ def scarp(site: PlaceArgument, *, shape: _Scarp = None, session: Injected) -> in
     return command(site, session.out, shape or ScarpChoices())
 
 
+@command()
 def screen(site: SiteArgument, *, parameters: _Automaton = None, session: Injected) -> int:
     """Run landlab's MassWastingRunout as a cheap baseline and list places to look at in 3D; writes results/screen/."""
     from runout.slopes.screening import command
 
     return command(site, session.out, parameters or MassWasting())
-
-
-COMMANDS: tuple[Callable[..., int], ...] = (suggest_release, scarp, screen)

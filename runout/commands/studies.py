@@ -1,18 +1,19 @@
 """Commands that measure, verify and validate, and that examine the machine."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from runout.commands.options import Device, Injected
+from runout.commands.options import Device, Injected, command
 from runout.commands.written import Written
 from runout.errors import ConfigError, ExitCode
 
 PICTURES = (".png", ".svg", ".pdf")
 
 
+@command()
 def bench(
     *,
     full: Annotated[bool, Parameter(negative="", help="Up to 1e7 particles (hours).")] = False,
@@ -32,6 +33,7 @@ def bench(
     return ExitCode.OK
 
 
+@command()
 def verify(
     *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box [default: all].")],
     full: Annotated[
@@ -72,6 +74,7 @@ def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> 
     return command(Path(sites[0]), out, device)
 
 
+@command()
 def validate(
     *cases: Annotated[str, Parameter(help="Names such as coulomb-only; without one, the list of all.")],
     full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes minutes a case.")] = False,
@@ -83,6 +86,7 @@ def validate(
     return command(cases, full, session.out)
 
 
+@command()
 def stress(
     *,
     full: Annotated[bool, Parameter(negative="", help="Every choice alone and 200 at once; takes some minutes.")] = False,
@@ -96,11 +100,9 @@ def stress(
     return command(session.out, full, backend, device)
 
 
+@command(writes=False)
 def doctor(*, session: Injected) -> int:
     """List installed libraries, devices and caches, with problems and remedies."""
-    from runout.doctor import examine
+    from runout.workflow.doctor import examine
 
     return examine()
-
-
-COMMANDS: tuple[Callable[..., int], ...] = (bench, verify, validate, stress, doctor)

@@ -1,12 +1,11 @@
 """Commands that show a member of a site in three dimensions."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from runout.commands.options import Device, Injected, SiteArgument
+from runout.commands.options import Device, Injected, SiteArgument, command
 from runout.commands.written import Written
 from runout.errors import ExitCode
 
@@ -21,6 +20,7 @@ Direction = Annotated[
 Size = Annotated[tuple[int, int], Parameter(consume_multiple=True, negative="", help="Width and height [pixel].")]
 
 
+@command(writes=False)  # unless it has to simulate
 def view(
     site: SiteArgument,
     *,
@@ -42,6 +42,7 @@ def view(
     return ExitCode.OK
 
 
+@command()
 def animate(
     site: SiteArgument,
     *,
@@ -50,10 +51,10 @@ def animate(
     output: Annotated[
         Path | None,
         Parameter(help="Film .mp4 or .gif, or a folder for PNG [default: animations/ in the results folder]."),
-        Written(folder=None),
+        Written(folder=None, instead=True),
     ] = None,
     vtk: Annotated[
-        Path | None, Parameter(help="Folder for files of ParaView with the time of each frame."), Written(folder=True)
+        Path | None, Parameter(help="Folder for files of ParaView with the time of each frame."), Written(folder=True, instead=True)
     ] = None,
     colour: Colour = "thickness",
     show: Show = "surface",
@@ -70,6 +71,3 @@ def animate(
 
     write(site, session.out, Choices(member, frames, colour, show, camera, image, size, device), output, vtk, fps)
     return ExitCode.OK
-
-
-COMMANDS: tuple[Callable[..., int], ...] = (view, animate)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+from runout.commands.options import TRAITS
 from runout.errors import ConfigError
 from runout.io.boundary import SITE_FILE
 from runout.io.places import require_place, require_results
-
-READING = ("check", "status", "doctor", "new", "view")  # commands that write no results, or only if they have to simulate
 
 
 @dataclass(frozen=True)
@@ -23,10 +22,13 @@ class Written:
         Whether that is a folder; None: if the name has no ending.
     endings : tuple of str
         Of the names of files; empty if any will do.
+    instead : bool
+        Whether the command then writes nothing to the results folder.
     """
 
     folder: bool | None = False
     endings: tuple[str, ...] = ()
+    instead: bool = False
 
 
 def require_places(command: Callable[..., Any], given: Mapping[str, Any], out: Path | None) -> None:
@@ -40,7 +42,7 @@ def require_places(command: Callable[..., Any], given: Mapping[str, Any], out: P
         if mark.endings and path.suffix.lower() not in mark.endings:
             raise ConfigError(f"{name} {path}: its name must end in {' or '.join(mark.endings)}")
         require_place(name, path, folder=folder)
-    if command.__name__ in READING or (named and command.__name__ == "animate"):
+    if not TRAITS[command].writes or any(mark.instead for _, mark, _ in named):
         return
     results = _results_of(given.get("site"))
     if out is not None:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout import source_code
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, SiteFriction, sampled_ranges
 from runout.config.input_readers import read_elevations, read_releases, read_zones
 from runout.config.member_arguments import grid_spacing, material, sampled_releases
 from runout.config.stated_at import stated_at
 from runout.errors import DemError
+from runout.io import source_code
 from runout.io.opening import BYTES_PER_CELL
 from runout.io.provenance import checksum
 from runout.io.source_kinds import holds_geometries

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from runout.accuracy import CellSize, choices
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
+from runout.forecast.accuracy import CellSize, choices
 from runout.model.laws import LAWS
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics

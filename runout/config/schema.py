@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
-from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
 from runout.config.distributions import Distribution, Settings, limited, quantity, refuse
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
@@ -29,8 +28,9 @@ from runout.config.remote import InputFile
 from runout.config.report import REPORT, ReportSettings
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
+from runout.forecast.accuracy import CHOICES, PRESETS
 from runout.model.friction_laws import DEFAULT_FRICTION
-from runout.model.limits import SMALLEST_NET
+from runout.model.limits import CFL, PARTICLES_PER_CELL, SMALLEST_NET
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 MOST_MEMBERS, LARGEST_NET, MOST_SNAPSHOTS = 100_000, 65_536, 1000

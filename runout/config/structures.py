@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -14,17 +14,14 @@ from runout.config.fetch import locate
 from runout.config.quantities import Text, within
 from runout.config.stated_at import within_site
 from runout.errors import InputError, StructureError
-from runout.io.mesh_files import MESHES, OTHER_MESHES
 from runout.io.source_kinds import is_mesh
+from runout.structures.readers import other_meshes, reader_of
 
 if TYPE_CHECKING:
     from runout.config.schema import SiteSettings
     from runout.model.terrain import Terrain
     from runout.structures.read import Bodies
     from runout.structures.source import StructureSource
-
-OF_FOOTPRINTS, OF_MESHES = ("layer", "height", "base", "top"), ("units", "crs", "offset")
-
 
 Height = Annotated[Text | Annotated[float, within("structure_height"), Tag("<number>")], Discriminator(shape)]
 Clearance = Annotated[Text | Annotated[float, within("structure_clearance"), Tag("<number>")], Discriminator(shape)]
@@ -47,21 +44,18 @@ def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, st
     file = given.get("file")
     if not isinstance(file, str) or not file:
         return
-    suffix = PurePath(file).suffix.lower()
-    if suffix in OTHER_MESHES:
-        yield "file", f"{file}: meshes of {suffix} are not read", "export it as OBJ, PLY, STL or GLB"
-        return
-    is_mesh = suffix in MESHES
-    kind = "a mesh" if is_mesh else "footprints"
-    for key in OF_FOOTPRINTS if is_mesh else OF_MESHES:
+    reader = reader_of(file)
+    if reader.is_refused:
+        yield "file", other_meshes.fault(file), other_meshes.REMEDY
+    for key in reader.foreign_keys():
         if key in given:
-            yield key, f"has no meaning with {kind} ({file})", "remove it"
-    if is_mesh and "units" not in given:
-        yield "units", "required key is missing for a mesh", "add units: m, cm, mm or ft"
+            yield key, f"has no meaning with {reader.kind} ({file})", "remove it"
+    if reader.has_units and "units" not in given:
+        yield "units", f"required key is missing for {reader.kind}", "add units: m, cm, mm or ft"
     if "protects_layer" in given and "protects" not in given:
         yield "protects_layer", "has no meaning without protects", "add protects, or remove it"
-    if is_mesh and isinstance(given.get("clearance"), str):
-        yield "clearance", f"{given['clearance']!r} is no number, and a mesh has no attributes", "give a number in m"
+    if not (reader.has_attributes or reader.is_refused) and isinstance(given.get("clearance"), str):
+        yield "clearance", f"{given['clearance']!r} is no number, and {reader.kind} has no attributes", "give a number in m"
 
 
 class StructureSettings(Settings):

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import ClusterError, ConfigError
-from runout.interrupt import at_end
-from runout.without_dask import show_dask
+from runout.processes.interrupt import at_end
+from runout.processes.without_dask import show_dask
 
 if TYPE_CHECKING:
     from distributed import Client

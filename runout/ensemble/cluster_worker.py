@@ -17,11 +17,12 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from runout import __version__, source_code
+from runout import __version__
 from runout.ensemble.dispatch import Died
 from runout.ensemble.worker import Done, Group, Progress, Task
 from runout.ensemble.workers import MEMORY_SHARE, Capacity, Share, Workforce
 from runout.errors import ClusterError, DeviceError
+from runout.io import source_code
 
 RUNS: "dict[str, Pool]" = {}  # processes of each run that uses this worker
 IDLE_SECONDS = 60.0  # [s] after which the processes of a run without members end; the run may have been killed

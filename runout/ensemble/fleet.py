@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout import __version__, source_code
+from runout import __version__
 from runout.ensemble import cluster_worker
 from runout.ensemble.cluster import Cluster
 from runout.ensemble.cluster_worker import Needs, Offer
@@ -23,6 +23,7 @@ from runout.ensemble.work import Work
 from runout.ensemble.worker import Done, Group, Progress
 from runout.ensemble.workers import Capacity, Share, pack
 from runout.errors import ClusterError
+from runout.io import source_code
 from runout.io.part import part_folder
 
 if TYPE_CHECKING:

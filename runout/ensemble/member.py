@@ -8,9 +8,9 @@ from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout import source_code
 from runout.ensemble.design import Design, member_table
 from runout.errors import RunoutError
+from runout.io import source_code
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
 from runout.log import of_member
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from runout.config.site import Site
-    from runout.result import Result
+    from runout.simulation.result import Result
 
 # sections of site.yaml that do not change what a member computes (its own parameters and seed are in the key)
 NOT_IN_KEY = ("name", "title", "description", "metadata", "ensemble", "hazard", "observations", "report", "budget", "stability")
@@ -220,7 +220,7 @@ def simulate_together(
     """Simulate members in the launches of one device; write each one's file as soon as it ends, and return errors by number."""
     from concurrent.futures import Future, ThreadPoolExecutor
 
-    from runout.batch import simulate_batch
+    from runout.simulation.batch import simulate_batch
 
     todo = [m for m in members if stored_key(m.file(results)) != m.key]
     errors: dict[int, BaseException] = {}

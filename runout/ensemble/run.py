@@ -28,7 +28,7 @@ from runout.model.facts import as_html, as_text
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.ensemble.standby import Standby
-    from runout.result import Result
+    from runout.simulation.result import Result
 
 LOGGER = logging.getLogger(__name__)
 MOST_REASONS = 10  # of failed members, in the representation of a report

@@ -4,10 +4,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from runout.caches import compiled_code
 from runout.errors import StorageError
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
+from runout.processes.caches import compiled_code
 
 SOBOL_BITS = 30  # points are multiples of 2**-30
 MOST_KEPT = 2**16  # numbers in a file of the cache

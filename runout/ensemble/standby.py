@@ -8,7 +8,7 @@ from runout.ensemble.workers import started
 from runout.errors import DeviceError
 
 MOST = 8  # processes that wait; memory may not hold as many members as there are cores
-IMPORTED = ("runout.simulation", "runout.backends.scan.backend", "xarray", "netCDF4")  # by every member on the CPU
+IMPORTED = ("runout.simulation.single", "runout.backends.scan.backend", "xarray", "netCDF4")  # by every member on the CPU
 
 
 class Standby:

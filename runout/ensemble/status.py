@@ -80,7 +80,7 @@ def member_state(member: Member, results: Path, written: Written) -> tuple[State
     if failure and failure.key == member.key:
         return State.FAILED, failure.reason
     if member.checkpoint_file(results).exists():
-        from runout.checkpoint import stored_time
+        from runout.simulation.checkpoint import stored_time
 
         kept = stored_time(member.checkpoint_file(results))
         if kept is not None:

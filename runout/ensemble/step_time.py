@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from runout import engine_notes
+from runout.forecast import engine_notes
 
 STAYED = 0.99  # share of the mass that is on the terrain at the end; otherwise particles were fewer than at the start
 

@@ -13,7 +13,7 @@ from runout.ensemble.workers import Share
 
 if TYPE_CHECKING:
     from runout.config.site import Site
-    from runout.result import Result
+    from runout.simulation.result import Result
 
 MOST_TOGETHER = 32  # members that share the launches of a GPU of a cluster; the others go to workers that come later
 

@@ -22,10 +22,10 @@ from typing import Protocol
 
 from runout.ensemble.member import Member
 from runout.errors import DeviceError
-from runout.lifetime import children_allowed, end_with_parent, interrupts_kept
 from runout.log import MEMBER
+from runout.processes.lifetime import children_allowed, end_with_parent, interrupts_kept
+from runout.processes.without_dask import hide_dask
 from runout.safe_start import ignore_settings
-from runout.without_dask import hide_dask
 
 TICK_SECONDS = 0.5  # [s] between two progress messages of a worker
 END_SECONDS = 10.0  # [s] that an idle worker has to end by itself

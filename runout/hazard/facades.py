@@ -13,7 +13,7 @@ from runout.hazard.order import weighted_percentiles
 from runout.io import netcdf
 from runout.io.atomic import whole_file
 from runout.io.member_maps import MemberMaps
-from runout.structure_series import AXES, GROUP, SERIES
+from runout.simulation.structure_forces import AXES, GROUP, SERIES
 from runout.variables import FILL, VARIABLES
 
 if TYPE_CHECKING:

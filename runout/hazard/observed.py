@@ -8,21 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import StorageError
+from runout.forecast.numerical_error import read_convergence
 from runout.hazard.members import Ensemble
 from runout.hazard.order import weighted_percentiles
 from runout.io.member_maps import MemberMaps
 from runout.model.release import Release
 from runout.model.terrain import Terrain
-from runout.numerical_error import read_convergence
 from runout.scores.assessment import Assessment, Setting, against_observations, values_at_gauges
 from runout.scores.contingency import reached
 from runout.scores.elevation_change import elevation_change
 from runout.scores.energy_line import release_point
 from runout.scores.error_bars import ErrorBars
-from runout.scores.flow import Flow
+from runout.scores.flow import OF_MEMBER, Flow
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_or_never
-from runout.scores.products import OF_MEMBER
 
 if TYPE_CHECKING:
     from runout.config.site import Site

@@ -1,4 +1,4 @@
-"""The products of an ensemble: hazard.nc, members.nc, maps/*.tif with styles, structures.nc, outlines.gpkg and run.json."""
+"""The products of an ensemble: members.nc, structures.nc, run.json, and the hazard maps in every format of the writers."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,28 +10,25 @@ import numpy as np
 
 from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
 from runout.errors import PartialEnsembleError, StorageError
+from runout.forecast.stiffness import RECORDED, extremes
+from runout.hazard import writers
 from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.joint import stated_conditions
-from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, members_file
-from runout.hazard.observed import observed_layers, scored
-from runout.hazard.outline_style import outline_styles
-from runout.hazard.probe_layers import probe_layers
+from runout.hazard.observed import scored
 from runout.hazard.sampling import Estimator
-from runout.hazard.structure_products import StructureProducts, write_structures
+from runout.hazard.structure_products import write_structures
 from runout.io import netcdf
 from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
 from runout.io.member_maps import MemberMaps
 from runout.io.provenance import file_record, provenance
-from runout.io.vector import write_outlines
 from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
-from runout.stiffness import RECORDED, extremes
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
 from runout.terrain.roughness import of_ground
@@ -99,14 +96,9 @@ def write_products(
         origin["changes"] = [*origin["changes"], *observed.changes]
     built = write_structures(site, ensemble, terrain, attributes, results)
     origin["changes"] = [*origin["changes"], *built.changes]
-    outdated = _earlier_products(results)
-    paths = [
-        netcdf.write(hazard, results / "hazard.nc"),
-        results / "members.nc",
-        *write_maps(hazard, results / "maps"),
-        *built.paths,
-        _write_outlines(hazard, ensemble, site, terrain, releases, observed, built, results / "outlines.gpkg"),
-    ]
+    outdated = writers.earlier(results)
+    products = writers.Products(hazard, ensemble, site, terrain, releases, observed, built, results)
+    paths = [results / "members.nc", *built.paths, *writers.write_all(products)]
     paths.append(_write_origin(origin, paths, results))
     for path in outdated - set(paths):
         path.unlink(missing_ok=True)
@@ -201,30 +193,6 @@ def _score(
     return found.record
 
 
-def _write_outlines(
-    hazard: "xr.Dataset",
-    ensemble: Ensemble,
-    site: "Site",
-    terrain: Terrain,
-    releases: Sequence[Release],
-    observed: Observations | None,
-    built: StructureProducts,
-    path: Path,
-) -> Path:
-    attributes = {"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | ensemble.counts()
-    return write_outlines(
-        path,
-        terrain,
-        releases,
-        hazard["inundation_probability"].values,
-        attributes=attributes,
-        zones=site.files.zones(),
-        obstacles=[part for obstacles in site.files.obstacles() for part in obstacles.parts],
-        styles=outline_styles(),
-        further={**(observed_layers(observed) if observed else {}), **built.layers, **probe_layers(site.files.probes())},
-    )
-
-
 def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:
     settings = site.settings
     origin = provenance(
@@ -280,11 +248,6 @@ def stated_metadata(site: "Site") -> dict[str, str]:
 def _write_origin(origin: Mapping[str, Any], products: Iterable[Path], results: Path) -> Path:
     records = [file_record(path, results) for path in products]
     return write_json(dict(origin) | {"products": records}, results / "run.json")
-
-
-def _earlier_products(results: Path) -> set[Path]:
-    """Maps that earlier runs wrote here, whether they ended or not, with what a GIS noted of them; no files of other names."""
-    return {path for path in (results / "maps").glob("*") if OWN_MAP.fullmatch(path.name)}
 
 
 def _states(report: EnsembleReport | Mapping[int, str] | None) -> Mapping[int, str] | None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from runout.interrupt import at_end
+from runout.processes.interrupt import at_end
 
 try:
     import fcntl

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from runout.errors import ConfigError
 from runout.io.boundary import exists, kind_of
-from runout.io.regular import fault_of_owner, irregular
+from runout.io.regular import irregular
+from runout.processes.owner import fault_of_owner
 
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"

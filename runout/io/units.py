@@ -51,7 +51,6 @@ OTHER_UNITS: Mapping[str, Mapping[str, float]] = {  # by the unit used here, wit
     | {"radians": 57.29577951308232},
     "": {},
 }
-UNITS_OF_MAPS = {"thickness": "m", "deposit": "m", "change": "m", "speed": "m/s", "pressure": "Pa", "arrival": "s"}
 
 
 def factor_to(unit: str, text: str | None) -> float | None:
@@ -68,7 +67,7 @@ def factor_to(unit: str, text: str | None) -> float | None:
         return 1.0
     if unit == "m":
         return metres_in(str(text))
-    return OTHER_UNITS.get(unit, {unit.lower(): 1.0}).get(_compact(str(text)))
+    return OTHER_UNITS.get(unit, {_compact(unit): 1.0}).get(_compact(str(text)))
 
 
 def is_stated(text: str | None) -> bool:

@@ -8,13 +8,14 @@ its users. A site file cannot name code.
 import importlib
 import pkgutil
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
+from types import ModuleType
 from typing import Any, Generic, TypeVar
 
-from runout.without_dask import show_dask
+from runout.processes.without_dask import show_dask
 
 Entry = TypeVar("Entry")
 
@@ -109,6 +110,12 @@ class Registry(Generic[Entry]):
 def modules_of(package: str) -> tuple[str, ...]:
     """Names of the modules of a package, sorted."""
     return tuple(sorted(module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__)))
+
+
+def parts_of(package: str, first: Sequence[str] = ()) -> list[ModuleType]:
+    """Imported modules of a package whose files each add something: those named ``first``, then the others by name."""
+    names = [*first, *(name for name in modules_of(package) if name not in first)]
+    return [importlib.import_module(f"{package}.{name}") for name in names]
 
 
 @cache

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runout.accuracy import PARTICLES_PER_CELL
 from runout.model.basal_friction import BasalFriction
 from runout.model.basal_strength import least_angle
 from runout.model.friction import FrictionZones
+from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.materials import Material
 from runout.model.release import Release
 from runout.terrain.fill import filled

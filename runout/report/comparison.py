@@ -16,11 +16,10 @@ from runout.report.scores import ScoreTable, counts_in_words, range_table, score
 from runout.report.values import STYLES, MapStyle
 from runout.report.wording import number, unit
 from runout.scores.comparison import Comparison
-from runout.scores.flow import THICKNESSES, TITLES, UNITS
+from runout.scores.flow import PEAKS, THICKNESSES, TITLES, UNITS
 from runout.variables import PRINTED
 
 TEMPLATE = "comparison.html.jinja"
-STYLE_OF = {"thickness": "thickness", "deposit": "deposit", "speed": "speed", "pressure": "pressure", "arrival": "time"}
 DIVERGING = "RdBu_r"
 
 
@@ -143,7 +142,7 @@ def _observed(found: Comparison) -> Iterator[Mark]:
 def _outline_of(found: Comparison, place: int) -> Any:
     """Outline of a flow at the lowest threshold; None if it has none."""
     flow = found.flows[place]
-    quantity = next((name for name in (*THICKNESSES, "speed", "pressure") if name in flow.maps), None)
+    quantity = next((name for name in (*THICKNESSES, *PEAKS) if name in flow.maps), None)
     if quantity is None or not found.thresholds:
         return None
     shape = outline(flow.area(quantity, min(found.thresholds)) >= 0.5, found.grid.terrain())
@@ -172,9 +171,9 @@ def _title(name: str) -> str:
 
 def _style(found: Comparison, name: str) -> MapStyle:
     """Colours of a quantity, on one scale for both."""
-    if name not in STYLE_OF:
+    if name == "change":
         return MapStyle("change of elevation [m]", DIVERGING, faintest=-np.inf, diverging=True)
-    style = STYLES[STYLE_OF[name]]
+    style = STYLES["time" if name == "arrival" else name]
     known = np.concatenate([flow.maps[name].ravel() for flow in found.flows if name in flow.maps])
     known = known[np.isfinite(known) & (known > 0)] * style.scale
     top = float(np.percentile(known, 99)) if known.size else 0.0

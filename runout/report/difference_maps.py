@@ -9,21 +9,13 @@ from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
 from runout.scores.comparison import Comparison
+from runout.scores.flow import DIFFERENCES
 from runout.variables import VARIABLES
-
-NAMES = {
-    "thickness": "flow_thickness_difference",
-    "deposit": "deposit_thickness_difference",
-    "speed": "speed_difference",
-    "pressure": "pressure_difference",
-    "arrival": "arrival_time_difference",
-    "change": "elevation_change_difference",
-}
 
 
 def write_differences(found: Comparison, folder: Path) -> list[Path]:
     """Paths of a GeoTIFF and a QGIS style for every quantity that both products have, after writing them."""
-    maps = {NAMES[quantity]: found.difference(quantity) for quantity in found.quantities}
+    maps = {DIFFERENCES[quantity]: found.difference(quantity) for quantity in found.quantities}
     if not maps:
         return []
     dataset = map_dataset(found.grid.terrain(), maps, title=f"{found.a.path.name} minus {found.b.path.name}")

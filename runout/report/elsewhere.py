@@ -11,7 +11,7 @@ from importlib import import_module
 from subprocess import PIPE
 from typing import Self, TypeVar
 
-from runout.lifetime import end_with_parent, import_path, interrupts_kept, python_command
+from runout.processes.lifetime import end_with_parent, import_path, interrupts_kept, python_command
 
 LOGGER = logging.getLogger(__name__)
 MOST = 3  # processes; each renders the ground of the maps anew

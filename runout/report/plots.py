@@ -14,7 +14,7 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
-    from runout.result import Result
+    from runout.simulation.result import Result
 
 TIME = "arrival"  # name of the map of arrival
 

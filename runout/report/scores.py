@@ -9,9 +9,6 @@ from runout.report.wording import MINUS, THIN, UNKNOWN, number, quantity, unit
 from runout.scores.definitions import DEFINITIONS, printed, undefined_reasons
 from runout.variables import PRINTED
 
-CHANGES = ("erosion_volume_bias", "deposition_volume_bias", "deposition_csi")
-HEADLINE = ("csi", "front_error", "volume_bias", "rmse", "arrival_bias", *CHANGES)  # of the table of members
-
 
 @dataclass
 class ScoreTable:
@@ -94,7 +91,7 @@ def range_table(
     parameters : mapping of str to mapping
         Sampled parameters of each member by name.
     """
-    kinds = [(score["of"], score["name"], score["units"]) for score in ensemble if score["name"] in HEADLINE]
+    kinds = [(score["of"], score["name"], score["units"]) for score in ensemble if DEFINITIONS[score["name"]].is_headline]
     sampled = list(next(iter(parameters.values()), {}))
     columns = [parameter_column(name) for name in sampled]
     for of, name, units in kinds:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.accuracy import FEWEST_MEASURED, expected_errors
+from runout.forecast.accuracy import FEWEST_MEASURED, expected_errors
 from runout.report.maps import WIDE
 from runout.report.values import NORMAL, SMALL
 from runout.report.wording import digits_within, number, number_within, percent, volume
-from runout.structure_series import AXES, SERIES
+from runout.simulation.structure_forces import AXES, SERIES
 
 if TYPE_CHECKING:
     import xarray as xr

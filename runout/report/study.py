@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
+from runout.forecast.numerical_error import require_error_bars
 from runout.io.member_maps import MemberMaps, member_table
 from runout.io.probe_files import SITE_FILES
-from runout.numerical_error import require_error_bars
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.members import Ledger, Reach, member_figures, representative

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.config.parameter_variables import parameter_variable
+from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
+from runout.forecast.numerical_error import statements
+from runout.forecast.stiffness import sentence_of
 from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import WORST, DepthResolution
-from runout.numerical_error import statements
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
 from runout.scores.members import BOOKKEEPING
-from runout.stiffness import sentence_of
 from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
 

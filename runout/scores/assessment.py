@@ -8,7 +8,7 @@ import numpy as np
 
 from runout.scores import scoring
 from runout.scores.contingency import Contingency, contingency
-from runout.scores.definitions import Score
+from runout.scores.definitions import Pair, Score
 from runout.scores.elevation_change import change_errors
 from runout.scores.energy_line import ReleasePoint
 from runout.scores.field_errors import field_errors
@@ -164,6 +164,7 @@ def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, s
         counts |= {"modelled_volume_m3": errors.modelled_sum, "observed_volume_m3": errors.observed_sum}
     of = f"{quantity_name(quantity)}, whole map"
     found.add(of, scoring.field_scores(of, errors, units, volume, setting.bars, BAR_MAPS.get(quantity, "")), **counts)
+    found.add(of, scoring.scores_of("maps", of, Pair(modelled.maps[quantity], observed.maps[quantity], area), units))
 
 
 def add_arrivals(found: Assessment, modelled: Flow, observed: Flow, bars: ErrorBars = NO_BARS) -> None:

@@ -1,11 +1,17 @@
-"""Table of all scores: name -> meaning, unit, range and best value. The report and the documentation print it."""
+"""What a score is: meaning, unit, range and best value, and the number itself. Each file of :mod:`runout.scores.measures` has some.
+
+The report and the documentation print what is defined, and every comparison makes all scores that its evidence allows.
+"""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from runout.io.provenance import plain
+from runout.model.registry import parts_of
 
 WILKS = "Wilks 2011, sec. 8.2"
 ROUNDING = 1e-6  # in the printed unit: of maps in single precision
@@ -17,6 +23,8 @@ class Definition:
 
     Attributes
     ----------
+    name : str
+        Name in files.
     title : str
         Short name for tables.
     units : str
@@ -29,8 +37,15 @@ class Definition:
         Why a score has no value, where it has none.
     reference : str
         Paper.
+    values : mapping of str to callable
+        The number, from each kind of evidence that gives it: "area" (:class:`runout.scores.Contingency`), "field" and "volume"
+        (:class:`runout.scores.FieldErrors`), "maps" (:class:`Pair`), "thalweg" (:class:`runout.scores.ThalwegErrors`), "arrival"
+        and "points" (:class:`runout.scores.PointErrors`), "change" (:class:`runout.scores.ChangeErrors`). NaN where undefined.
+    is_headline : bool
+        Whether the table of the members of an ensemble has it.
     """
 
+    name: str
     title: str
     units: str
     low: float
@@ -39,6 +54,8 @@ class Definition:
     meaning: str
     undefined: str
     reference: str = ""
+    values: Mapping[str, Callable[[Any], float]] = field(default_factory=dict)
+    is_headline: bool = False
 
     @property
     def range(self) -> str:
@@ -48,93 +65,16 @@ class Definition:
         return f"{self.low:g} or more" if math.isinf(self.high) else f"{self.low:g} to {self.high:g}"
 
 
-_INF = math.inf
-DEFINITIONS = {
-    "csi": Definition(
-        "CSI", "1", 0, 1, 1, "critical success index: area reached in both over area reached in either",
-        "neither reaches a known cell", WILKS,
-    ),
-    "pod": Definition(
-        "POD", "1", 0, 1, 1, "probability of detection: area reached in both over observed area",
-        "no observed area", WILKS,
-    ),
-    "far": Definition(
-        "FAR", "1", 0, 1, 0, "false alarm ratio: area reached in the model alone over modelled area",
-        "no modelled area", WILKS,
-    ),
-    "area_bias": Definition(
-        "area bias", "1", 0, _INF, 1, "modelled over observed area",
-        "no observed area", WILKS,
-    ),
-    "brier": Definition(
-        "Brier", "1", 0, 1, 0, "mean square difference of probability and reached share of the cells where either is above 0",
-        "neither reaches a known cell", "Wilks 2011, sec. 8.4.2",
-    ),
-    "volume_bias": Definition(
-        "volume bias", "1", 0, _INF, 1, "modelled over observed volume",
-        "no observed volume",
-    ),
-    "bias": Definition(
-        "bias", "", -_INF, _INF, 0, "mean difference on the cells that either reaches",
-        "nothing to score in both", "Wilks 2011, sec. 8.3",
-    ),
-    "rmse": Definition(
-        "RMSE", "", 0, _INF, 0, "root mean square difference on the same cells",
-        "nothing to score in both", "Wilks 2011, sec. 8.3",
-    ),
-    "relative_l1": Definition(
-        "relative L1", "1", 0, _INF, 0, "sum of absolute differences over sum of the observed values",
-        "all observed values are 0 or unknown",
-    ),
-    "front_error": Definition(
-        "front error", "m", -_INF, _INF, 0, "difference of the farthest reach along the thalweg; positive: too far",
-        "one of the two reaches no cell near the thalweg", "Fischer 2013",
-    ),
-    "lateral_error": Definition(
-        "lateral error", "m", 0, _INF, 0, "mean absolute difference of both edges",
-        "no stretch of the thalweg is reached by both", "Fischer 2013",
-    ),
-    "lateral_shift": Definition(
-        "lateral shift", "m", -_INF, _INF, 0, "displacement of the middle of the flow; positive: left",
-        "no stretch of the thalweg is reached by both",
-    ),
-    "width_bias": Definition(
-        "width bias", "1", 0, _INF, 1, "modelled over observed mean width",
-        "no stretch of the thalweg is reached by both",
-    ),
-    "energy_line_error_deg": Definition(
-        "energy line error", "degree", -_INF, _INF, 0, "difference of the angles from the release to the front",
-        "a front is missing, has no elevation, or is not beyond the release", "Heim 1932",
-    ),
-    "arrival_bias": Definition(
-        "arrival bias", "s", -_INF, _INF, 0, "mean difference of the arrival times; positive: too late",
-        "no place with an arrival in both",
-    ),
-    "arrival_rmse": Definition(
-        "arrival RMSE", "s", 0, _INF, 0, "root mean square difference of the arrival times",
-        "no place with an arrival in both",
-    ),
-    "missed_arrivals": Definition(
-        "missed arrivals", "1", 0, _INF, 0, "points with an arrival that the flow does not reach",
-        "no observed arrival",
-    ),
-    "erosion_volume_bias": Definition(
-        "erosion volume bias", "1", 0, _INF, 1, "modelled over observed volume of lowering",
-        "no observed lowering",
-    ),
-    "deposition_volume_bias": Definition(
-        "deposition volume bias", "1", 0, _INF, 1, "modelled over observed volume of rise",
-        "no observed rise",
-    ),
-    "erosion_csi": Definition(
-        "erosion CSI", "1", 0, 1, 1, "CSI of the area that is lowered",
-        "no lowering in either", WILKS,
-    ),
-    "deposition_csi": Definition(
-        "deposition CSI", "1", 0, 1, 1, "CSI of the area that is raised",
-        "no rise in either", WILKS,
-    ),
-}  # fmt: skip
+@dataclass(frozen=True)
+class Pair:
+    """Two maps (rows, columns) of one quantity on the same cells, NaN where unknown, and the area of a cell [m2]."""
+
+    modelled: np.ndarray
+    observed: np.ndarray
+    cell_area: Any
+
+
+DEFINITIONS: dict[str, Definition] = {one.name: one for part in parts_of("runout.scores.measures") for one in part.SCORES}
 
 
 def undefined_reasons(scores: Iterable[tuple[str, bool]]) -> str:

@@ -23,7 +23,7 @@ class ErrorBars:
 
     The study is that of the median scenario (``runout verify SITE --convergence``). A score inherits it to first order. Below, d is
     the difference of a map on the site's grid and on a coarser one, and A = (1 - CSI of both) times the modelled area, each times
-    the error of the map over this difference (:mod:`runout.numerical_error`).
+    the error of the map over this difference (:mod:`runout.forecast.numerical_error`).
 
     ==============================  ===========================================================================================
     score                           error bar

@@ -6,20 +6,28 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from runout.errors import ObservationError
+from runout.map_quantities import ARRIVAL, QUANTITIES
 from runout.scores.contingency import reached
 from runout.scores.grid import Grid, resampled
 
-UNITS = {"thickness": "m", "deposit": "m", "change": "m", "speed": "m s-1", "pressure": "Pa", "arrival": "s"}
-TITLES = {
-    "thickness": "maximum flow thickness",
-    "deposit": "deposit thickness",
-    "change": "change of elevation",
-    "speed": "maximum speed",
-    "pressure": "maximum dynamic pressure",
-    "arrival": "arrival time",
-}
-BAR_MAPS = {"thickness": "flow_thickness", **{name: name for name in ("deposit", "speed", "pressure")}}  # in convergence.json
 THICKNESSES = ("thickness", "deposit")
+PEAKS = tuple(name for name in QUANTITIES if name not in THICKNESSES)
+UNITS = {
+    **{name: QUANTITIES[name].units for name in THICKNESSES},
+    "change": "m",
+    **{name: QUANTITIES[name].units for name in PEAKS},
+    "arrival": "s",
+}
+IN_FILES = {name: units.replace("m s-1", "m/s") for name, units in UNITS.items()}  # units as people write them
+TITLES = {**{name: q.extreme for name, q in QUANTITIES.items()}, "change": "change of elevation", "arrival": "arrival time"}
+BAR_MAPS = {name: "flow_thickness" if name == "thickness" else name for name in QUANTITIES}  # in convergence.json
+OF_MEMBER = {**{name: q.member_map for name, q in QUANTITIES.items()}, "arrival": ARRIVAL}
+OF_ENSEMBLE = {name: q.percentile for name, q in QUANTITIES.items()}
+DIFFERENCES = {
+    **{name: q.difference for name, q in QUANTITIES.items()},
+    "change": "elevation_change_difference",
+    "arrival": f"{ARRIVAL}_difference",
+}
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.errors import ObservationError
+from runout.forecast.numerical_error import read_convergence
 from runout.io import netcdf
 from runout.io.boundary import exists
 from runout.io.member_maps import read_maps
 from runout.io.opening import open_netcdf
-from runout.numerical_error import read_convergence
+from runout.map_quantities import ARRIVAL_PERCENTILE
 from runout.scores.error_bars import ErrorBars
-from runout.scores.flow import Flow, percentile_of
+from runout.scores.flow import OF_ENSEMBLE, OF_MEMBER, Flow, percentile_of
 from runout.scores.grid import Grid
 from runout.scores.points import arrival_or_never
 from runout.scores.raster_quantity import raster_quantity
@@ -24,20 +25,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 VECTORS = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".gdb")
-OF_MEMBER = {
-    "thickness": "max_flow_thickness",
-    "speed": "max_speed",
-    "pressure": "max_pressure",
-    "arrival": "arrival_time",
-    "deposit": "deposit_thickness",
-}
-OF_ENSEMBLE = {
-    "thickness": "flow_thickness_percentile",
-    "speed": "speed_percentile",
-    "pressure": "pressure_percentile",
-    "deposit": "deposit_thickness_percentile",
-}
-ARRIVALS = "arrival_time_percentile"
 
 
 @dataclass(frozen=True)
@@ -155,8 +142,8 @@ def _of_netcdf(path: Path, reading: Reading) -> Product:
 def _of_ensemble(path: Path, hazard: "xr.Dataset", reading: Reading) -> Product:
     percentile = percentile_of(reading.probability, hazard["percentile"].values, str(path))
     maps = {q: hazard[name].sel(percentile=percentile).values for q, name in OF_ENSEMBLE.items() if name in hazard}
-    if ARRIVALS in hazard and reading.probability == 0.5:
-        maps["arrival"] = arrival_or_never(hazard[ARRIVALS].sel(percentile=percentile).values, maps["thickness"])
+    if ARRIVAL_PERCENTILE in hazard and reading.probability == 0.5:
+        maps["arrival"] = arrival_or_never(hazard[ARRIVAL_PERCENTILE].sel(percentile=percentile).values, maps["thickness"])
     levels = hazard["thickness_threshold"].values.tolist()
     exceedance = hazard["thickness_exceedance_probability"].values
     flow = Flow(

@@ -12,16 +12,15 @@ import numpy as np
 from runout.errors import DemError, ObservationError, ReleaseError
 from runout.io.polygon_reproject import polygons_on_terrain
 from runout.io.polygons import PolygonLayer, read_frame, read_polygons
-from runout.io.units import UNITS_OF_MAPS
+from runout.map_quantities import QUANTITIES
 from runout.model.terrain import Terrain
+from runout.scores.flow import IN_FILES, OF_MEMBER
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.thalweg import Thalweg
 from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan
 from runout.terrain.source import Quantity, north_up_in_unit_of, open_source
 
-NAMES_OF_MAPS = {"thickness": ("max_flow_thickness", "flow_thickness"), "deposit": ("deposit_thickness",), "speed": ("max_speed",)}
-NAMES_OF_MAPS |= {"pressure": ("max_pressure",), "arrival": ("arrival_time",)}
 LARGEST_PRESSURE = 1e12  # [Pa] beyond this a number marks an unknown cell
 
 
@@ -59,7 +58,9 @@ def read_map(
     ObservationError
         Missing or unreadable file, several bands, no georeference, rotated, or negative values where there are none.
     """
-    shown = Quantity(quantity, UNITS_OF_MAPS[quantity], ObservationError, (quantity, *NAMES_OF_MAPS.get(quantity, ()), "band1"))
+    of_runout = [OF_MEMBER[quantity]] if quantity in OF_MEMBER else []
+    of_runout += [QUANTITIES[quantity].stem] if quantity in QUANTITIES else []
+    shown = Quantity(quantity, IN_FILES[quantity], ObservationError, (quantity, *of_runout, "band1"))
     with observation_errors(), open_source(path, shown) as source:
         raster = source.read(None)
         values, blank = known_or_nan(raster.values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)

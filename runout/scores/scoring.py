@@ -1,12 +1,13 @@
 """Scores of two maps as lists, with their numerical error bars."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from runout.scores.contingency import Contingency
-from runout.scores.definitions import Score
+from runout.scores.definitions import DEFINITIONS, Score
 from runout.scores.elevation_change import ChangeErrors
 from runout.scores.energy_line import ReleasePoint, energy_line_angle
 from runout.scores.error_bars import ErrorBars
@@ -17,19 +18,20 @@ from runout.scores.thalweg import Thalweg, ThalwegErrors
 NO_BARS = ErrorBars({})
 
 
+def scores_of(
+    evidence: str, of: str, found: Any, units: str = "", bars: Mapping[str, float | None] | None = None
+) -> Iterator[Score]:
+    """All scores that a kind of evidence gives (:attr:`runout.scores.Definition.values`), with what is known of their errors."""
+    for name, one in DEFINITIONS.items():
+        if evidence in one.values:
+            yield Score(of, name, float(one.values[evidence](found)), units, (bars or {}).get(name))
+
+
 def area_scores(
     of: str, table: Contingency, bars: ErrorBars = NO_BARS, quantity: str = "", threshold: float = 0.0
 ) -> Iterator[Score]:
     """CSI, POD, FAR and area bias of a contingency table; ``quantity`` is the map of the error bars."""
-    errors = bars.of_contingency(table, quantity, threshold)
-    values = {
-        "csi": table.critical_success_index,
-        "pod": table.probability_of_detection,
-        "far": table.false_alarm_ratio,
-        "area_bias": table.area_bias,
-    }
-    for name, value in values.items():
-        yield Score(of, name, value, numerical_error=errors[name])
+    return scores_of("area", of, table, bars=bars.of_contingency(table, quantity, threshold))
 
 
 def field_scores(
@@ -38,10 +40,8 @@ def field_scores(
     """Bias, RMSE and relative L1 of a map in ``units``; ``volume`` adds the volume bias of a map of thickness."""
     half = bars.of_field(errors, quantity)
     if volume:
-        yield Score(of, "volume_bias", errors.volume_bias, numerical_error=half["volume_bias"])
-    yield Score(of, "bias", errors.bias, units, half["bias"])
-    yield Score(of, "rmse", errors.rmse, units, half["rmse"])
-    yield Score(of, "relative_l1", errors.relative_l1, numerical_error=half["relative_l1"])
+        yield from scores_of("volume", of, errors, bars=half)
+    yield from scores_of("field", of, errors, units, half)
 
 
 def thalweg_scores(
@@ -53,9 +53,7 @@ def thalweg_scores(
     threshold: float = 0.0,
 ) -> Iterator[Score]:
     """Errors of the front and of the sides of the area of a table; ``quantity`` is the map of the error bars."""
-    half = bars.of_thalweg(errors, table, quantity, threshold)
-    for name in ("front_error", "lateral_error", "lateral_shift", "width_bias"):
-        yield Score(of, name, getattr(errors, name), numerical_error=half[name])
+    return scores_of("thalweg", of, errors, bars=bars.of_thalweg(errors, table, quantity, threshold))
 
 
 def energy_line_score(
@@ -90,29 +88,14 @@ class Ground:
 
 def arrival_scores(of: str, errors: PointErrors, bars: ErrorBars = NO_BARS) -> Iterator[Score]:
     """Errors of the arrival times at points."""
-    half = bars.of_arrival(errors.points + errors.missed)
-    yield Score(of, "arrival_bias", errors.bias, numerical_error=half["arrival_bias"])
-    yield Score(of, "arrival_rmse", errors.rmse, numerical_error=half["arrival_rmse"])
-    yield Score(of, "missed_arrivals", float(errors.missed), numerical_error=half["missed_arrivals"])
+    return scores_of("arrival", of, errors, bars=bars.of_arrival(errors.points + errors.missed))
 
 
 def point_scores(of: str, errors: PointErrors, units: str, bars: ErrorBars = NO_BARS, quantity: str = "") -> Iterator[Score]:
     """Bias and RMSE of a quantity in ``units`` at points."""
-    half = bars.at_points(quantity)
-    yield Score(of, "bias", errors.bias, units, half["bias"])
-    yield Score(of, "rmse", errors.rmse, units, half["rmse"])
+    return scores_of("points", of, errors, units, bars.at_points(quantity))
 
 
 def change_scores(of: str, errors: ChangeErrors, bars: ErrorBars = NO_BARS, limit: float = 0.0) -> Iterator[Score]:
     """Errors of a change of elevation and of its parts, with a detection limit [m]."""
-    half = bars.of_change(errors, limit)
-    values = {
-        "erosion_volume_bias": errors.erosion.volume_bias,
-        "deposition_volume_bias": errors.deposition.volume_bias,
-        "erosion_csi": errors.erosion_area.critical_success_index,
-        "deposition_csi": errors.deposition_area.critical_success_index,
-        "bias": errors.change.bias,
-        "rmse": errors.change.rmse,
-    }
-    for name, value in values.items():
-        yield Score(of, name, value, "m", half[name])
+    return scores_of("change", of, errors, "m", bars.of_change(errors, limit))

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.accuracy import PARTICLES_PER_CELL, preset
 from runout.config.stability import StabilitySettings
+from runout.forecast.accuracy import preset
 from runout.io.vector import outline
+from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.numerics import Scheme
 from runout.terrain.overlay import covered_part
 
@@ -96,7 +97,7 @@ def suggest(drained: "Drainage", stable: "Stability", choices: StabilitySettings
 
 def fits_memory(particles: float, terrain: "Terrain") -> bool:
     """Whether a run of so many particles, in a layer one cell thick, fits into the memory that is free."""
-    from runout.memory import Extent, available_bytes, expected_memory
+    from runout.forecast.memory import Extent, available_bytes, expected_memory
 
     free = available_bytes()
     blocks = math.ceil(particles / PER_BLOCK)

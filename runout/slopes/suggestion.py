@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__, log
-from runout.accuracy import FEWEST_MEASURED, PARTICLES_PER_CELL
 from runout.config.stability import StabilitySettings
 from runout.errors import ExitCode
+from runout.forecast.accuracy import FEWEST_MEASURED
 from runout.hazard.outline_style import slope_styles
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_json, write_text
@@ -21,6 +21,7 @@ from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
 from runout.io.netcdf import write as write_netcdf
 from runout.io.vector import write_layers
+from runout.model.limits import PARTICLES_PER_CELL
 from runout.scores.slope_normal import terrain_slope
 from runout.slopes.choices import PatchChoices, Strength
 from runout.slopes.drainage import Drainage, drainage

@@ -16,12 +16,13 @@ from runout.structures.lattice_distance import NODES, mark_inside, nearest_in_bl
 from runout.structures.patches import joined_patches, measured_patches, nearest_patches
 from runout.structures.pieces import BESIDE, Pieces, cut_pieces
 from runout.structures.solid import Solid, as_arrays, discs_around, normals_and_areas
-from runout.structures.store import STRUCTURES, structures_key
+from runout.terrain.content_store import ContentStore, content_key
 
 BAND = 3.0  # spacings of the grid that the distance is known for, outside and inside
 PER_CELL = 2  # cells of the lattice in one of the grid
 GROUP = 4  # blocks along an edge of a group that shares a list of triangles
 MOST_BLOCKS = 250_000_000  # of the table of blocks, 1 GB
+STORE = ContentStore[Structures](lambda structures: structures.field.nbytes)
 
 
 def build_structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float]) -> Structures | None:
@@ -29,7 +30,7 @@ def build_structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[f
 
     The lattice has half the smallest spacing; one of its nodes lies at local position 0. The distance is exact at its nodes, that
     to the surface of the union of the bodies: walls between bodies that touch are none. Patches are what is above the ground. The
-    last few that were made are kept (:mod:`runout.structures.store`).
+    last few that were made are kept (:mod:`runout.terrain.content_store`).
 
     Raises
     ------
@@ -38,7 +39,10 @@ def build_structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[f
     """
     if not solids:
         return None
-    return STRUCTURES.get(structures_key(solids, terrain, spacing), lambda: _made(solids, terrain, spacing))
+    names = repr([(s.name, s.facades, s.friction) for s in solids]).encode()
+    arrays = [array for s in solids for array in (s.vertices, s.faces, s.facade)]
+    key = content_key(np.frombuffer(names, np.uint8), terrain.elevation, np.array([*terrain.cell_size, *spacing]), *arrays)
+    return STORE.get(key, lambda: _made(solids, terrain, spacing))
 
 
 def _made(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float]) -> Structures:

@@ -6,20 +6,17 @@ from dataclasses import dataclass, replace
 from os import PathLike
 
 from runout.errors import StructureError
-from runout.io.mesh_files import OTHER_MESHES
-from runout.io.polygons import read_frame
 from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import numbered
-from runout.structures.footprints import read_footprints
 from runout.structures.inspection import low_structures, placement_problems, release_overlaps, repeated_bodies, thin_walls
-from runout.structures.meshes import load_parts, read_meshes
 from runout.structures.overhangs import read_overhangs
+from runout.structures.readers import reader_of
 from runout.structures.solid import Solid
-from runout.structures.source import CONCRETE, Read, StructureSource
+from runout.structures.source import CONCRETE, StructureSource
 
 LOGGER = logging.getLogger(__name__)
 
@@ -48,7 +45,7 @@ def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequ
     StructureError
         With all problems of all files.
     """
-    read = [_read(source, terrain) for source in sources]
+    read = [reader_of(source.path).read(source, terrain) for source in sources]
     begin = [f"{key}: " for key in keys] or [""] * len(read)
     solids = [replace(solid, place=key + solid.place) for key, one in zip(begin, read, strict=True) for solid in one.solids]
     problems = [key + problem for key, one in zip(begin, read, strict=True) for problem in one.problems]
@@ -61,22 +58,7 @@ def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequ
 
 def require_readable(source: StructureSource) -> None:
     """Raise InputError if a file cannot be read, wherever its structures stand."""
-    if source.path.suffix.lower() in OTHER_MESHES:
-        raise StructureError(_not_read(source))
-    if source.is_mesh:
-        load_parts(source, [])
-    else:
-        read_frame(source.path, source.layer, "structure")
-
-
-def _not_read(source: StructureSource) -> str:
-    return f"{source.path}: meshes of {source.path.suffix.lower()} are not read; export it as OBJ, PLY, STL or GLB"
-
-
-def _read(source: StructureSource, terrain: Terrain) -> Read:
-    if source.path.suffix.lower() in OTHER_MESHES:
-        return Read((), (_not_read(source),))
-    return read_meshes(source, terrain) if source.is_mesh else read_footprints(source, terrain)
+    reader_of(source.path).require_readable(source)
 
 
 def require_sound(

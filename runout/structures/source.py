@@ -1,15 +1,16 @@
 """What is stated of the structures of a file, and what reading it gives."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from runout.errors import StructureError, member_of
 from runout.io.boundary import as_path
-from runout.io.mesh_files import MESHES, OTHER_MESHES
+from runout.structures.readers import reader_of
 from runout.structures.solid import Solid
 
 CONCRETE = 20.0  # friction angle [deg] of a smooth wall where none is stated
@@ -84,16 +85,11 @@ class StructureSource:
         parts = np.ravel(np.asarray(self.offset, object)).tolist()
         if len(parts) != 3 or not all(isinstance(x, int | float) and np.isfinite(x) for x in parts):
             yield f"offset is {self.offset!r}; give three finite numbers in m: easting, northing, elevation"
-        if self.path.suffix.lower() in OTHER_MESHES:  # refused when it is read
-            return
-        of_others = {"height": self.height, "base": self.base, "layer": self.layer} if self.is_mesh else {"units": self.units}
-        kind = "a mesh" if self.is_mesh else "footprints"
-        yield from (f"{key} has no meaning with {kind}; leave it out" for key, stated in of_others.items() if stated is not None)
-
-    @property
-    def is_mesh(self) -> bool:
-        """Whether the file holds a mesh, by its name."""
-        return self.path.suffix.lower() in MESHES
+        reader = reader_of(self.path)
+        defaults: dict[str, Any] = {field.name: field.default for field in fields(self)}
+        for key in reader.foreign_keys():
+            if not np.array_equal(getattr(self, key), defaults[key]):
+                yield f"{key} has no meaning with {reader.kind}; leave it out"
 
 
 @dataclass(frozen=True)

@@ -9,29 +9,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import log
-from runout.accuracy import BOUNDS
 from runout.errors import ConfigError
-from runout.numerical_error import MAP, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
+from runout.forecast.accuracy import BOUNDS
+from runout.forecast.numerical_error import MAP, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
 from runout.scores.elevation_change import elevation_change
+from runout.scores.flow import BAR_MAPS, OF_MEMBER
 from runout.studies.map_distance import area_above, common_differences, compared
 from runout.studies.work_report import markdown
 
 if TYPE_CHECKING:
     from runout.config.site import Site
-    from runout.result import Result
+    from runout.simulation.result import Result
 
 LOGGER = logging.getLogger("runout.convergence")
 FILE = "convergence.json"
 COARSER = (2.0, 2.0, 1.7, 1.7, 1.4, 1.4, 1.2)  # cell sizes over those of the site, one a run; uneven, so that no two share a raster
 COMPARED = 1.4  # of these, the grid whose maps are compared in all scores
 SHIFT = 0.382  # cells between the shifts of one run and the next
-MAPS = {
-    "flow_thickness": "max_flow_thickness",
-    "deposit": "deposit_thickness",
-    "speed": "max_speed",
-    "pressure": "max_pressure",
-    "arrival": "arrival_time",
-}  # name in the study -> map of a run
+MAPS = {BAR_MAPS.get(name, name): of_run for name, of_run in OF_MEMBER.items()}  # name in the study -> map of a run
 FROM_MAP = {"peak_speed": "speed"}  # map that a quantity is taken from, where it is not that of flow thickness
 MOST_ESCAPED = 0.01  # share of the mass beyond the terrain up to which run-out is known
 METHOD = (
@@ -81,8 +76,8 @@ def study(
     Returns
     -------
     dict
-        ``quantities``: one :class:`runout.numerical_error.ErrorBar` a quantity as plain numbers, and that of the map of flow
-        thickness; ``fields``: differences of each map from that of one coarser grid, with the ratio of its error to this
+        ``quantities``: one :class:`~runout.forecast.numerical_error.ErrorBar` a quantity as plain numbers, and that of the map of
+        flow thickness; ``fields``: differences of each map from that of one coarser grid, with the ratio of its error to this
         difference; ``levels``: cells, particles, seconds of each run, the site's last.
 
     Raises
@@ -167,7 +162,7 @@ def run_once(
     from runout.hazard.observed import removed
 
     if simulate is None:
-        from runout.simulation import simulate
+        from runout.simulation.single import simulate
     terrain, h = arguments["terrain"], ratio * np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
     raised = replace(terrain, elevation=terrain.elevation + shift % 1.0 * h[2])
     changed = {"terrain": raised, "cell_size": tuple(float(x) for x in h), "seed": arguments["seed"] + seed}

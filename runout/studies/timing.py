@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from runout.accuracy import CFL
 from runout.backends.protocol import get_backend
-from runout.observers import Ledger, PeakMaps
-from runout.run import CROSSING
+from runout.model.limits import CFL
+from runout.simulation.observers import Ledger, PeakMaps
+from runout.simulation.run import CROSSING
 from runout.studies.sloping_layer import Layer
 
 STEP_SHARE = 0.475 / CFL  # share of the stable step at the start, for a flow that accelerates; all records use it

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from runout import __version__, log
-from runout.accuracy import PARTICLES_PER_CELL
 from runout.backends.protocol import INDEXES
 from runout.errors import BudgetError, CapacityError, ConfigError
+from runout.model.limits import PARTICLES_PER_CELL
 from runout.studies.sloping_layer import PER_CELL, Layer
 from runout.studies.timing import Case, TimedRun, take_turns
 

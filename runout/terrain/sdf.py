@@ -13,13 +13,13 @@ from runout.model.surface import Surface
 from runout.model.terrain import Terrain
 from runout.physics import heightfield, tensors
 from runout.terrain import crests, relief
+from runout.terrain.content_store import ContentStore, content_key
 from runout.terrain.crest_window import Box, Mass, most_cells, needs_table, window
 from runout.terrain.fill import continued
-from runout.terrain.ground_store import GroundStore, content_key
 from runout.terrain.prepare import require_known
 
 BEYOND = 3  # nodes beyond the cells whose crests are corrected
-GROUNDS = GroundStore()
+GROUNDS = ContentStore[NodalSurface](lambda ground: ground.surface.coefficients.nbytes + ground.change.nbytes)
 STENCIL = 6.0  # cells of the grid from which the surface at a point is made
 # the one formula there with a square root, for arrays
 _normal_z = FunctionType(heightfield.normal_z.__code__, {**heightfield.normal_z.__globals__, "math": np})
@@ -35,7 +35,7 @@ def sliding_surface(
     :data:`runout.terrain.crest_window.LARGEST` cells far from the mass, they are filtered as the rest; the surface has no step
     there. On nodes so close together that :func:`runout.terrain.crest_window.needs_table` is false, the crests are those of the
     raster's lattice, true to 3 %. Contact, releases and maps of the ground take the same surface; the last few are kept by their
-    content (:mod:`runout.terrain.ground_store`). Other parameters and errors are those of :func:`raster_surface`.
+    content (:mod:`runout.terrain.content_store`). Other parameters and errors are those of :func:`raster_surface`.
     """
     raster = _raster(terrain, thickness_excavated, spacing)
     box, top = _extent(terrain, thickness_excavated, mass, raster.count)

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import RenderError
-from runout.interrupt import at_end
-from runout.lifetime import import_path, python_command
+from runout.processes.interrupt import at_end
+from runout.processes.lifetime import import_path, python_command
 from runout.view import software_gl
 from runout.view.renderer import PACKAGE_MISSING
 from runout.view.scene import FlowScene

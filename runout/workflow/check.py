@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from runout.config.probes import ProbeSettings
     from runout.config.site import Site
     from runout.config.structures import StructureSettings
+    from runout.forecast.stiffness import Stiffness
     from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
     from runout.model.release import Release
     from runout.model.terrain import Terrain
-    from runout.stiffness import Stiffness
 
 MOST_TRAPPED = 0.05  # largest share of a release trapped in its scar without a warning
 

@@ -48,22 +48,22 @@ class _Kernels:
 
     @property
     def key(self) -> list[Any]:
-        """Plain values for :mod:`runout.engine_notes`."""
-        from runout import engine_notes
+        """Plain values for :mod:`runout.forecast.engine_notes`."""
+        from runout.forecast import engine_notes
 
         laws = engine_notes.laws_of({"material": self.material, "basal_friction": self.friction})
         return [*laws, self.releases, self.zones, self.structures, self.choices]
 
     def noted(self, times: int = 1) -> bool:
-        """Whether they are known to be compiled; ``times`` is that of :func:`runout.engine_notes.known`."""
-        from runout import engine_notes
+        """Whether they are known to be compiled; ``times`` is that of :func:`runout.forecast.engine_notes.known`."""
+        from runout.forecast import engine_notes
 
         mark = engine_notes.known("kernels", self.key, times)
         return bool(mark) and Path(mark).exists()
 
     def note(self, mark: Path) -> None:
         """Note the file that marks them as compiled."""
-        from runout import engine_notes
+        from runout.forecast import engine_notes
 
         engine_notes.note("kernels", self.key, str(mark))
 
@@ -83,7 +83,7 @@ def compile_ahead(site: "Site") -> "Compilation | None":
 
 def kernels_noted(site: "Site") -> bool:
     """Whether a command of the last month has compiled the kernels of the members of a site."""
-    from runout.engine_notes import MONTH
+    from runout.forecast.engine_notes import MONTH
 
     kernels = _Kernels.of(site)
     return kernels is not None and kernels.noted(MONTH)

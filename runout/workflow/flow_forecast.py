@@ -14,7 +14,7 @@ from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
 from runout.model.numerics import Scheme
 from runout.model.scene import Raster, Scene
-from runout.observers import AtRest
+from runout.simulation.observers import AtRest
 from runout.terrain.drag_speed import GATHERED
 from runout.terrain.pressed_points import forecast_depth, lateral_pressure
 from runout.terrain.sliding_points import Slide, slide
@@ -24,9 +24,9 @@ from runout.workflow.check_stiffness import VOLUME, member_stiffness
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.ensemble.member import Member
+    from runout.forecast.stiffness import Stiffness
     from runout.model.materials import Material
     from runout.model.release import Release
-    from runout.stiffness import Stiffness
 
 EXACT = 5  # members whose points slide; the others follow from the speed of their flow
 SETTLING = 1.15  # duration of a flow over that of points: it comes to rest grain by grain
@@ -139,7 +139,7 @@ def _resistance(
 
 
 def _rests(speed: np.ndarray) -> np.ndarray:
-    """Whether a flow with a root mean square speed (n,) [m/s] rests, by the rule of :class:`runout.observers.AtRest`."""
+    """Whether a flow with a root mean square speed (n,) [m/s] rests, by the rule of :class:`runout.simulation.observers.AtRest`."""
     rule = AtRest()
     limit = np.minimum(math.sqrt(rule.share) * np.maximum.accumulate(speed), rule.floor_speed)
     slow = speed < np.maximum(limit, 1e-2 * rule.floor_speed)

@@ -1,6 +1,5 @@
 """The main workflow: terrain -> release -> ensemble -> hazard -> report; stages that are up to date are skipped."""
 
-import gc
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -14,11 +13,11 @@ import numpy as np
 
 from runout import log
 from runout.errors import ConfigError, ExitCode
-from runout.interrupt import at_end
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
-from runout.lifetime import end_workers
 from runout.model.facts import as_html, as_text
+from runout.processes.interrupt import at_end
+from runout.processes.lifetime import end_workers
 from runout.workflow.ahead import imported_meanwhile
 from runout.workflow.compilation import compile_ahead
 from runout.workflow.stages import Stage
@@ -203,7 +202,6 @@ def _inspected(site: "Site | Path") -> None:
 
 def _make(study: Study, stage: Stage) -> None:
     """Run a stage. It is not in the record while it runs, nor after it was killed; a range of members never is."""
-    gc.enable()
     if study.part is not None:
         make_members(study)
         study.require_inputs()

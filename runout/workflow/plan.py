@@ -9,25 +9,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout import engine_notes
 from runout.backends.protocol import bytes_on_host
 from runout.errors import BudgetError, CapacityError
+from runout.forecast import engine_notes
+from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
+from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
 from runout.map_quantities import member_map_names
-from runout.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
-from runout.scenario import build_scene, scene_arguments
-from runout.structure_forces import named_structures
+from runout.simulation.scenario import build_scene, scene_arguments
+from runout.simulation.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
 from runout.workflow.flow_forecast import member_steps
-from runout.workflow.step_cost import TYPICAL, engine_for, step_cost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from runout.config.site import Site
-    from runout.engine_notes import StepCost
     from runout.ensemble.member import Member
+    from runout.forecast.engine_notes import StepCost
 
     CostOf = Callable[[Mapping[str, Any]], StepCost]
 
@@ -108,7 +108,7 @@ class Forecast:
 def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None, cost_of: "CostOf | None" = None) -> Forecast:
     """Forecast for the members ``left``: particles are counted, steps follow from points that slide in place of the mass.
 
-    Only the processor time of a step is measured, on a small layer (:mod:`runout.workflow.step_cost`).
+    Only the processor time of a step is measured, on a small layer (:mod:`runout.forecast.step_cost`).
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None, c
     workers : int, optional
         Members at the same time; if None one per core, or as many as the memory holds.
     cost_of : callable, optional
-        Cost of a step from the arguments of :func:`runout.simulate`; :func:`runout.workflow.step_cost.step_cost` if None.
+        Cost of a step from the arguments of :func:`runout.simulate`; :func:`runout.forecast.step_cost.step_cost` if None.
 
     Raises
     ------

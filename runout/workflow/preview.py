@@ -63,9 +63,9 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
 
 
 def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
-    from runout.accuracy import lines
     from runout.config.member_arguments import default_particles
-    from runout.numerical_error import read_convergence, require_error_bars, statements
+    from runout.forecast.accuracy import lines
+    from runout.forecast.numerical_error import read_convergence, require_error_bars, statements
     from runout.release.statements import statement
     from runout.workflow import check_stiffness
     from runout.workflow.probes import other_members
@@ -98,9 +98,9 @@ def _print_forecast(console: "Console", study: "Study") -> int:
     """Print the forecast of a run, for which nothing is compiled."""
     from rich.text import Text
 
+    from runout.forecast.step_cost import quick_step_cost
     from runout.workflow.compilation import kernels_noted
     from runout.workflow.plan import forecast, particle_line
-    from runout.workflow.step_cost import quick_step_cost
 
     try:
         with log.muted():

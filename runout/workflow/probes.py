@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from runout import log
 from runout.errors import ConfigError
-from runout.interrupt import at_end
 from runout.io.probe_files import SITE_FILES, SITE_STEM
-from runout.lifetime import end_workers
+from runout.processes.interrupt import at_end
+from runout.processes.lifetime import end_workers
 from runout.workflow.probe_products import PICTURES, PROBES, attributes_of, remove_others, write_pictures, write_series
 from runout.workflow.study import PLAN, Study
 

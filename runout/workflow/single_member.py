@@ -56,7 +56,7 @@ def run(
     from runout.config.overrides import with_cell_size
     from runout.ensemble.work_log import log_work
     from runout.io.atomic import whole_file
-    from runout.simulation import simulate
+    from runout.simulation.single import simulate
 
     study = Study.open(site_path, out, device=device)
     site, overrides = study.site, {} if cell_size is None else {"cell_size": list(cell_size)}

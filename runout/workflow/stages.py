@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from runout import source_code
+from runout.io import source_code
 from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.lock import locked_folder

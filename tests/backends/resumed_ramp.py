@@ -22,6 +22,6 @@ ARGUMENTS = {
 }
 
 if __name__ == "__main__":
-    from runout.simulation import simulate
+    from runout.simulation.single import simulate
 
     simulate(**ARGUMENTS, threads=2, checkpoint=sys.argv[1], checkpoint_every=0.05)

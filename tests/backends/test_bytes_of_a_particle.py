@@ -7,10 +7,10 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from runout import DruckerPrager, Release, Terrain, simulation
+from runout import DruckerPrager, Release, Terrain
 from runout.model.particle_source import CompactParticles, gathered, slices
-from runout.scenario import build_scene, scene_arguments
-from runout.simulation import simulate
+from runout.simulation import simulate, single
+from runout.simulation.scenario import build_scene, scene_arguments
 
 SAND = DruckerPrager(density=2000.0, friction_angle=30.0)
 SMALL, LARGE = 300_000, 600_000  # the terrain takes 26 MB before there are particles
@@ -31,8 +31,8 @@ def peak_bytes(particles, backend):
     """Largest traced memory of a run of one step, beside what was there before, that of its forecast, and its particles."""
     simulate(**slope(2_000), end_time=1e-4, backend=backend, device="cpu")  # compiled code and caches are fixed costs
     stated = slope(particles)
-    said, expected = [], simulation.expected_memory
-    with patch.object(simulation, "expected_memory", lambda *a, **k: said.append(expected(*a, **k)) or said[-1]):
+    said, expected = [], single.expected_memory
+    with patch.object(single, "expected_memory", lambda *a, **k: said.append(expected(*a, **k)) or said[-1]):
         tracemalloc.start()
         try:
             result = simulate(**stated, end_time=1e-4, backend=backend, device="cpu")

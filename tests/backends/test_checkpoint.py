@@ -16,10 +16,10 @@ from scenes import SAND, box, engine_of, loaded, plane, scene
 import runout
 from runout.backends.protocol import ResumableBackend
 from runout.backends.reference.backend import ReferenceBackend
-from runout.checkpoint import Checkpoint, stored_time
 from runout.errors import ConfigError, StorageError
-from runout.simulation import simulate
-from runout.source_code import Checksums
+from runout.io.source_code import Checksums
+from runout.simulation.checkpoint import Checkpoint, stored_time
+from runout.simulation.single import simulate
 
 RAMP = Path(__file__).parent / "resumed_ramp.py"
 STEPS = 40
@@ -168,7 +168,7 @@ def test_a_checkpoint_of_another_run_or_a_damaged_one_is_not_used_and_says_so(tm
     if change == "half a file":
         path.write_bytes(path.read_bytes()[:5000])
     elif change == "version":
-        monkeypatch.setattr("runout.source_code.checksums", lambda: Checksums("of other sources", "of other sources"))
+        monkeypatch.setattr("runout.io.source_code.checksums", lambda: Checksums("of other sources", "of other sources"))
     else:
         choices[change] = {"cell_size": 4.0, "seed": 1}[change]
     seen = []
@@ -200,7 +200,7 @@ class WithoutCheckpoints(ReferenceBackend):
 
 
 def test_a_backend_without_checkpoints_says_so_and_runs(tmp_path, caplog, monkeypatch):
-    monkeypatch.setattr("runout.simulation.get_backend", lambda *_, **__: WithoutCheckpoints())
+    monkeypatch.setattr("runout.simulation.single.get_backend", lambda *_, **__: WithoutCheckpoints())
     with caplog.at_level(logging.WARNING):
         result = ramp_run(cell_size=5.0, end_time=0.1, checkpoint=tmp_path / "run.npz", checkpoint_every=0.0)
     assert result.stop_reason == "end time"

@@ -9,9 +9,9 @@ from test_other_transfers import sandy
 from test_sparse_equals_dense import CASES, run, two_bodies
 
 from runout.backends.protocol import get_backend
-from runout.checkpoint import run_key
 from runout.errors import ConfigError
 from runout.model.friction import FrictionZones
+from runout.simulation.checkpoint import run_key
 
 UNIT = (1.0, 1.0, 1.0)
 CELLS = (40, 30)

@@ -28,6 +28,11 @@ STRUCTURES: dict[str, dict[str, int]] = {  # of contact with structures; bounded
     "float32": {"find_entering": 128},
     "float64": dict.fromkeys(("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering"), 168),
 }
+SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bounded for single precision, not measured
+    "float32": {"strain_in_place": 168, "grid_to_particles": 128},
+    "float64": {"strain_in_place": 255, "grid_to_particles": 255, "solve_contacts": 168},
+}
+SUBSTEPS_SPILLED: dict[str, dict[str, int]] = {"float32": {"solve_contacts": 8}, "float64": {}}
 SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
@@ -73,7 +78,9 @@ def require_within(kernels, modules, folder, registers, spilled):
 @pytest.mark.parametrize(("gradient_transfer", "structured"), [(False, False), (True, True)])
 def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient_transfer, structured):
     """A group is one argument; every driver passes 4096 bytes to a kernel, of which warp needs some for the launch."""
-    kernels = vars(compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, gradient_transfer, structured))
+    more = gradient_transfer, structured, structured  # the last: substeps
+    of_run = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, *more)
+    kernels = vars(of_run) | (vars(of_run.later) if structured else {})
     arguments = {name: k.adj.args for name, k in kernels.items() if isinstance(k, wp.Kernel)}
     groups, array = vars(kernels["groups"]).values(), ctypes.sizeof(wp.empty(0, dtype=wp.int32, device="cpu").__ctype__())
     sizes = {name: [g.ctype for a in some for g in groups if a.type is g] for name, some in arguments.items()}
@@ -100,6 +107,17 @@ def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_p
         *("grid_to_particles", "update_nodes", "modules")
     }
     assert require_within(gradient_transfer, more, tmp_path, GRADIENT_TRANSFER[precision], GRADIENT_SPILLED[precision]) == 9
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_kernels_of_further_substeps_build_beside_those_of_the_first(precision, tmp_path):
+    """Those of a transfer of one substep stay as they are."""
+    law = LAWS.find("drucker_prager")
+    plain, substepped = (compiled_kernels(law, COULOMB, precision, False, substepped=several) for several in (False, True))
+    assert not {name for name, kernel in vars(plain).items() if name != "modules" and vars(substepped)[name] is not kernel}
+    more = [module for module in substepped.modules if module not in plain.modules]
+    found = require_within(substepped.later, more, tmp_path, SUBSTEPS[precision], SUBSTEPS_SPILLED[precision])
+    assert found == len(("strain_in_place", "grid_to_particles", "resume_nodes", "close_step", "solve_contacts", "update_nodes"))
 
 
 @pytest.mark.parametrize(("precision", "ordered"), [("float32", True), ("float64", False)])

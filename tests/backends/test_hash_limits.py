@@ -10,7 +10,7 @@ from scenes import SAND, box, engine_of, plane, scene
 from runout import VoellmyBase
 from runout.backends.hash import backend, grid, limits, readback
 from runout.errors import CapacityError
-from runout.memory import Extent, expected_memory
+from runout.forecast.memory import Extent, expected_memory
 from runout.model.numerics import Scheme
 
 UNIT = (1.0, 1.0, 1.0)

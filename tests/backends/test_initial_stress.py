@@ -16,8 +16,8 @@ from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 from runout.model import basal_strength
 from runout.model.numerics import Numerics
-from runout.run import Run, RunControl
-from runout.scenario import build_scene
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
 
 H = 2.0  # [m] of a cell
 ENGINES = [("scan", "float64"), ("scan", "float32"), ("hash", "float32")]

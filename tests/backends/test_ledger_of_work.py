@@ -12,8 +12,8 @@ from runout.backends.scan.backend import ScanBackend
 from runout.ensemble import work_log
 from runout.log import JsonLines
 from runout.model.particles import Particles
-from runout.observers import Ledger
-from runout.run import Run, RunControl
+from runout.simulation.observers import Ledger
+from runout.simulation.run import Run, RunControl
 from runout.variables import VARIABLES
 
 CELLS = (1.0, 1.0, 1.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import GRAVITY, ROCK, angular_momentum, at, box, loaded, scene, total_energy
 
-from runout.accuracy import CFL
 from runout.errors import StabilityError
+from runout.model.limits import CFL
 
 
 def test_free_fall_is_that_of_symplectic_euler_and_strains_nothing(backend):

@@ -5,8 +5,8 @@ import pytest
 
 from runout.errors import ConfigError
 from runout.model.particles import Particles
-from runout.observers import ParticleSample
-from runout.run import RunControl
+from runout.simulation.observers import ParticleSample
+from runout.simulation.run import RunControl
 
 SAMPLES = [(10, 20, 10, 1), (10, 10, 10, 1), (10, 3, 3, 4), (9, 4, 3, 3), (7, 0, 0, 1)]
 

@@ -10,8 +10,8 @@ from scenes import at, engine_of, scene
 from runout.backends import footprints
 from runout.backends.protocol import RasterSums
 from runout.model.scene import Raster
-from runout.observers import PeakMaps
-from runout.run import Run, RunControl
+from runout.simulation.observers import PeakMaps
+from runout.simulation.run import Run, RunControl
 
 COARSE = (5.0, 5.0, 5.0)
 FINE = replace(scene(spacing=COARSE), raster=Raster(120, 200, (1.0, 1.0)))  # a lattice of 2.5 m

@@ -11,8 +11,8 @@ from runout import ConfigError, Probes, Release, Terrain, simulate
 from runout.map_quantities import peak_quantities
 from runout.model.numerics import Numerics
 from runout.model.scene import Raster
-from runout.run import Run, RunControl
-from runout.scenario import build_scene
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
 
 CELL, ROWS, COLUMNS = 5.0, 14, 36
 EAST = (np.arange(COLUMNS) + 0.5) * CELL
@@ -145,7 +145,7 @@ def test_an_interrupted_run_continues_its_series(tmp_path, caplog):
 
 
 def test_a_scenario_of_a_batch_has_the_series_of_its_own_run():
-    from runout.batch import simulate_batch
+    from runout.simulation.batch import simulate_batch
 
     arguments = {
         "terrain": TERRAIN, "release": RELEASE, "material": SAND, "basal_friction_angle": FRICTION, "cell_size": CELL,

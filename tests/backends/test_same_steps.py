@@ -5,7 +5,7 @@ import pytest
 from scenes import GRAVITY, HASH_DEVICE, plane, scene
 
 from runout import DruckerPrager, Elastic, Release, Terrain, simulate
-from runout.run import BATCH, Run, RunControl
+from runout.simulation.run import BATCH, Run, RunControl
 
 TERRAIN = Terrain(np.tile(60.0 - 3.0 * np.arange(20), (14, 1)), (5.0, 5.0))
 THICKNESS = np.zeros(TERRAIN.shape)

@@ -8,8 +8,8 @@ import pytest
 from scenes import HASH_DEVICE, assert_same_numbers
 
 from runout import ConfigError, DruckerPrager, Release, Terrain, simulate
-from runout.batch import _Together, simulate_batch
 from runout.errors import CapacityError, MaterialError
+from runout.simulation.batch import _Together, simulate_batch
 
 TERRAIN = Terrain(np.tile(40.0 - 2.0 * np.arange(20), (14, 1)), (5.0, 5.0))
 THICKNESS = np.zeros(TERRAIN.shape)
@@ -51,7 +51,10 @@ def assert_alike(found, alone):
     assert [f.tobytes() for f in found.particle_frames] == [f.tobytes() for f in alone.particle_frames]
 
 
-@pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
+WAYS = {"packed": {}, "substeps": {"substeps": 4}, "aflip with F-bar": {"transfer": "aflip", "f_bar": True}}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
     told, scenarios = [], [arguments | way for arguments in SCENARIOS]
     found = dict(simulate_batch(scenarios, device=HASH_DEVICE, progress=lambda number, fraction: told.append((number, fraction))))
@@ -84,7 +87,7 @@ def test_a_scenario_that_cannot_be_is_an_error_in_its_place_and_the_others_run()
 
 def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
     sizes = []
-    build = __import__("runout.batch", fromlist=["get_batch"]).get_batch
+    build = __import__("runout.simulation.batch", fromlist=["get_batch"]).get_batch
 
     def counted(scenes, device):
         sizes.append(len(scenes))
@@ -92,12 +95,12 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
             raise CapacityError("cpu has no memory left")
         return build(scenes, device)
 
-    monkeypatch.setattr("runout.batch.get_batch", counted)
+    monkeypatch.setattr("runout.simulation.batch.get_batch", counted)
     short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
     assert sorted(number for number, _ in simulate_batch(short, device=HASH_DEVICE)) == [0, 1, 2, 3]
     assert sizes == [4, 2, 2]
     sizes.clear()
-    monkeypatch.setattr("runout.batch._free", lambda place: 1.0)
+    monkeypatch.setattr("runout.simulation.batch._free", lambda place: 1.0)
     (refused,) = simulate_batch(short[:1], device=HASH_DEVICE)
     assert isinstance(refused[1], CapacityError)
     assert "the free memory of cpu" in str(refused[1])
@@ -106,13 +109,13 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
 
 def test_scenarios_that_together_cannot_be_addressed_run_in_several_launches(monkeypatch):
     sizes = []
-    build = __import__("runout.batch", fromlist=["get_batch"]).get_batch
+    build = __import__("runout.simulation.batch", fromlist=["get_batch"]).get_batch
 
     def counted(scenes, device):
         sizes.append([len(particles) for _, particles in scenes])
         return build(scenes, device)
 
-    monkeypatch.setattr("runout.batch.get_batch", counted)
+    monkeypatch.setattr("runout.simulation.batch.get_batch", counted)
     short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
     particles = simulate(**short[0], backend="hash", device=HASH_DEVICE).n_particles
     limits = __import__("runout.backends.hash.limits", fromlist=["LARGEST_INDEX"])
@@ -130,7 +133,7 @@ def test_scenarios_that_together_cannot_be_addressed_run_in_several_launches(mon
 
 def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_prepared_meanwhile(monkeypatch):
     sizes, prepared = [], []
-    module = __import__("runout.batch", fromlist=["get_batch"])
+    module = __import__("runout.simulation.batch", fromlist=["get_batch"])
     build, make = module.get_batch, module._Ahead.make
 
     def counted(scenes, device):
@@ -156,7 +159,7 @@ def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_
 
 
 def test_a_launch_that_keeps_the_device_busy_does_not_wait_for_a_scenario_that_is_not_ready(monkeypatch):
-    module = __import__("runout.batch", fromlist=["get_batch"])
+    module = __import__("runout.simulation.batch", fromlist=["get_batch"])
     build, prepare, sizes, started = module.get_batch, module._Job.of, [], threading.Event()
 
     def counted(scenes, device):

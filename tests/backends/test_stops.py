@@ -13,8 +13,8 @@ from scenes import SAND, box, engine_of, loaded, plane, scene
 from test_same_steps import Engine, run
 
 from runout import ConfigError, DruckerPrager, Elastic, Release, Terrain, simulate
-from runout.observers import Frame
-from runout.run import BATCH, Run, RunControl
+from runout.simulation.observers import Frame
+from runout.simulation.run import BATCH, Run, RunControl
 
 END = 5.0
 BACKENDS = ("reference", "scan", "hash")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import ROCK, SAND, angular_momentum, at, box, cloud, loaded, plane, scene, single_precision
 
-from runout.accuracy import CFL
+from runout.model.limits import CFL
 
 SPACING = (1.0, 0.7, 0.5)
 

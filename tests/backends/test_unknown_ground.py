@@ -10,8 +10,8 @@ from test_sleep import bed
 from test_sleep import run as rested
 
 from runout.backends.state import part
-from runout.checkpoint import run_key
 from runout.errors import ConfigError
+from runout.simulation.checkpoint import run_key
 
 UNIT = (1.0, 1.0, 1.0)
 DT = 5e-3

@@ -8,7 +8,7 @@ finer grid; half their distance is the noise of the true value.
 
 Each run is a file in DIR/runs. A second call does those that are missing, so take another folder for another version. Calls with
 other `--cases` may share a folder and run at the same time, one on a GPU; a last call with all cases makes the record. Copy
-DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/accuracy.py, then run
+DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/forecast/accuracy.py, then run
 `python -m docs.pages`.
 """
 
@@ -30,9 +30,9 @@ from unittest.mock import patch
 import numpy as np
 
 from docs.pages.error_bars import FILE, coverage
-from runout import numerical_error
+from runout.forecast import numerical_error
+from runout.forecast.numerical_error import MAP
 from runout.io.atomic import whole_file, write_json
-from runout.numerical_error import MAP
 from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
 from runout.studies.map_distance import relative_l1
 

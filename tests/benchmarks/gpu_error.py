@@ -18,7 +18,7 @@ import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from runout.result import Result
+from runout.simulation.result import Result
 from runout.studies.verification_cases.spreading_cap import Cells
 from tests.benchmarks.error_cases.choice import Variation
 from tests.benchmarks.error_cases.flows import distance, flowed, runout_of

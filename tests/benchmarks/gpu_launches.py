@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from gpu_throughput import LAYERS, STEP, layer, loaded
 
-from runout.accuracy import CFL
 from runout.backends.hash.step import enqueue
+from runout.model.limits import CFL
 
 STEPS = 14  # fewer than to the next sort
 log: list[tuple[str, Any]] = []

@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from runout import DruckerPrager, Release, Terrain
 from runout.backends.protocol import get_backend
 from runout.model.numerics import Numerics
-from runout.run import Run, RunControl
-from runout.scenario import build_scene
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
 
 SIZE, CREST, RADIUS, THICKNESS = (1600.0, 640.0), 700.0, 120.0, 12.0  # [m]
 

@@ -27,11 +27,11 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager
-from runout.accuracy import CFL
 from runout.backends.hash import step
 from runout.backends.hash.backend import bytes_needed
 from runout.backends.hash.batch import SORTS_BEFORE, Batch
 from runout.backends.protocol import get_backend
+from runout.model.limits import CFL
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface

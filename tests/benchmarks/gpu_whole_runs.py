@@ -20,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import runout
-from runout.result import Result
+from runout.simulation.result import Result
 
 SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
 MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "deposit_thickness")

@@ -17,9 +17,9 @@ import numpy as np
 from runout import simulate
 from runout.backends import footprints
 from runout.model.numerics import Numerics
-from runout.observers import PeakMaps
-from runout.run import OBSERVATIONS, Run
-from runout.scenario import build_scene
+from runout.simulation.observers import PeakMaps
+from runout.simulation.run import OBSERVATIONS, Run
+from runout.simulation.scenario import build_scene
 from tests.benchmarks.peak_maps import PEAKS, arguments, maps, row
 
 SITE = "frank_slide"
@@ -99,11 +99,11 @@ def main() -> None:
     parser.add_argument("--cells", type=float, nargs="*", default=[20.0, 28.0, 40.0])
     choices = parser.parse_args()
     WatchedRun.coarse = tuple(CoarseMaps(cell) for cell in choices.cells)
-    import runout.simulation
+    import runout.simulation.single
 
-    runout.simulation.Run = WatchedRun  # type: ignore[misc]
+    runout.simulation.single.Run = WatchedRun  # type: ignore[misc]
     found = simulate(**{**arguments(SITE), "cell_size": choices.finest, "threads": 1}).maps
-    runout.simulation.Run = Run  # type: ignore[misc]
+    runout.simulation.single.Run = Run  # type: ignore[misc]
     exact = {name: np.nan_to_num(found[name].values) for name in PEAKS}
     print(f"| cell [m] | maps | {' | '.join(PEAKS)} | 0.1 m | 0.5 m | 1 m | speed where both |\n|{'---|' * (len(PEAKS) + 6)}")
     for cell, coarse in zip(choices.cells, WatchedRun.coarse, strict=True):

@@ -14,7 +14,6 @@ import numpy as np
 
 from runout import DruckerPrager, Release, Terrain, __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
-from runout.checkpoint import Checkpoint
 from runout.io.atomic import write_json
 from runout.map_quantities import member_map_names
 from runout.model.numerics import Numerics
@@ -22,8 +21,9 @@ from runout.model.particles import Particles
 from runout.model.release import Placement
 from runout.model.scene import Scene
 from runout.model.structures import CELLS, Patches, StructureField
-from runout.run import Run, RunControl
-from runout.scenario import build_scene, scene_arguments
+from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.studies.map_distance import relative_l1
 from runout.studies.sloping_layer import Layer
 from runout.studies.work_precision import commit

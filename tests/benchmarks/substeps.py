@@ -1,11 +1,13 @@
 """Error and time of flows on terrain by the substeps of a transfer, on uneven grids and over seeds.
 
     RUNOUT_DATA=DIR python -m tests.benchmarks.substeps OUT [--processes 16] [--sites NAME ...] [--substeps 1 4]
+        [--backend hash --device cuda:0]
 
 Sites are the flows of `error_cases/terrains.py`, 60 s each. Errors are the relative L1 of the map of largest thickness and of the
 deposit at 60 s against the finest grid with four substeps, and the lag of its centre [m]; the difference between one and four
-substeps on the finest grid is stated beside them. Times are processor times on one thread. Runs are kept in OUT, so that a second
-call only writes the record. Writes substeps.json; copy it to tests/benchmarks/records/, then run `python -m docs.pages`.
+substeps on the finest grid is stated beside them. Times are processor times on one thread (of the host, with a GPU). Runs are kept
+in OUT, so that a second call only writes the record. Writes substeps.json; copy it to tests/benchmarks/records/, then run
+`python -m docs.pages`.
 """
 
 import argparse
@@ -34,6 +36,7 @@ SEEDS = 0, 1
 OF_REFERENCE = 4
 MAPS = "max_flow_thickness", "deposit_thickness"
 Task = tuple[str, float, int, int]
+ENGINE = {"backend": "scan", "device": "cpu"}
 
 
 def run(folder: Path, task: Task) -> dict[str, Any]:
@@ -44,9 +47,9 @@ def run(folder: Path, task: Task) -> dict[str, Any]:
     site, cell, substeps, seed = task
     file = folder / f"{site}_{cell:g}_{substeps}_{seed}.npz"
     if not file.is_file():
-        arguments = {**site_arguments(site), "backend": "scan", "cell_size": cell, "substeps": substeps, "seed": seed}
+        arguments = {**site_arguments(site), **ENGINE, "cell_size": cell, "substeps": substeps, "seed": seed}
         begun, wall = time.process_time(), time.perf_counter()
-        result = runout.simulate(**{**arguments, "device": "cpu", "threads": 1})
+        result = runout.simulate(**{**arguments, "threads": 1})
         passed = time.process_time() - begun
         ledger, setup = result.ledger, result.timing["setup"] / (time.perf_counter() - wall)
         lost = float(ledger.numerical_dissipation[-1] / (ledger.potential_energy[0] - ledger.potential_energy[-1]))
@@ -85,17 +88,21 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--sites", nargs="+", default=list(CELLS))
     parser.add_argument("--substeps", nargs="+", type=int, default=SUBSTEPS)
+    parser.add_argument("--backend", default="scan")
+    parser.add_argument("--device", default="cpu")
     chosen = parser.parse_args()
     os.environ["NUMBA_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
     chosen.out.mkdir(parents=True, exist_ok=True)
     tasks = [(s, c, k, seed) for s in chosen.sites for c in CELLS[s][:-1] for k in chosen.substeps for seed in SEEDS]
     finest = [(s, CELLS[s][-1], k, 0) for s in chosen.sites for k in (OF_REFERENCE, 1)]
     everything = sorted({*tasks, *finest}, key=lambda t: t[1] / CELLS[t[0]][-1])
-    with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
+    engine = {"backend": chosen.backend, "device": chosen.device}
+    with ProcessPoolExecutor(chosen.processes, get_context("spawn"), ENGINE.update, (engine,)) as pool:
         found = dict(zip(everything, pool.map(run, [chosen.out] * len(everything), everything), strict=True))
     rows = [row(t, found[t], found[t[0], CELLS[t[0]][-1], OF_REFERENCE, 0]) for t in everything if t not in finest[::2]]
     rows.sort(key=lambda r: (r["site"], -r["cell"], r["substeps"], r["seed"]))
-    print(write_json({"versions": versions(), "machine": machine(), "runs": rows}, chosen.out / "substeps.json"))
+    record = {"versions": versions(), "machine": machine(), "engine": engine, "runs": rows}
+    print(write_json(record, chosen.out / "substeps.json"))
 
 
 if __name__ == "__main__":

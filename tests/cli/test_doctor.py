@@ -7,9 +7,11 @@ import tempfile
 
 import pytest
 
-from runout import caches, doctor, engine_notes
 from runout.backends.compile import cache_root
 from runout.errors import ExitCode
+from runout.forecast import engine_notes
+from runout.processes import caches
+from runout.workflow import doctor
 
 
 def test_doctor_names_versions_devices_and_caches(capsys, monkeypatch):

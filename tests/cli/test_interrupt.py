@@ -66,10 +66,10 @@ MOMENTS = {
     """,
     "kernels are compiled": """
         import runout.workflow.hazard_map as study, runout.backends.scan.precompile as ahead
-        from runout.lifetime import interrupts_kept
+        from runout.processes.lifetime import interrupts_kept
         def run(*_, **__):
             with interrupts_kept():
-                watched = "import os, time, runout.lifetime as life; life.end_with_parent(os.getppid()); time.sleep(60)"
+                watched = "import os, time, runout.processes.lifetime as life; life.end_with_parent(os.getppid()); time.sleep(60)"
                 child = subprocess.Popen([sys.executable, "-c", watched])
             threading.Timer(0.5, print, ["now"], {"flush": True}).start()
             ahead._ended(child)
@@ -155,7 +155,8 @@ def test_an_interrupt_that_is_ignored_stays_ignored():
         [
             sys.executable,
             "-c",
-            "import time\nfrom runout.interrupt import end_at_once\nend_at_once()\nprint('now', flush=True)\ntime.sleep(1)",
+            "import time\nfrom runout.processes.interrupt import end_at_once\n"
+            "end_at_once()\nprint('now', flush=True)\ntime.sleep(1)",
         ],
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
         stdout=subprocess.PIPE,

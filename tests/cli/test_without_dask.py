@@ -11,7 +11,7 @@ entry.main()
 import xarray
 assert float(xarray.Variable("x", [1.0]).sum()) == 1.0
 assert not any(name.startswith("dask.") for name in sys.modules)
-from runout.without_dask import show_dask
+from runout.processes.without_dask import show_dask
 show_dask()
 import dask.array
 assert xarray.Variable("x", dask.array.ones(2).compute()).size == 2

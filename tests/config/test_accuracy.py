@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from runout import read_site, simulate
-from runout.accuracy import BOUNDS, PRESETS, SOURCE, choices, expected_errors, lines, work
 from runout.errors import ConfigError
+from runout.forecast.accuracy import BOUNDS, PRESETS, SOURCE, choices, expected_errors, lines, work
 
 WIDE = SimpleNamespace(volume=4e6, area=1e5)  # 40 m thick
 SMALL = SimpleNamespace(volume=4e3, area=100.0)  # 40 m thick, 10 m wide

@@ -6,13 +6,13 @@ from dataclasses import MISSING, fields
 import pytest
 
 from runout import read_site, simulate
-from runout.batch import simulate_batch
 from runout.config.schema import SimulationSettings
 from runout.errors import ConfigError, StabilityError
 from runout.model.limits import CFL
 from runout.model.numerics import Numerics, Scheme
 from runout.model.scene import Scene
-from runout.scenario import scene_arguments
+from runout.simulation.batch import simulate_batch
+from runout.simulation.scenario import scene_arguments
 
 CHOICES = {f.name: f.default for f in fields(Numerics)}
 FROM_ACCURACY = {"cell_size": None, "cfl": None}  # arguments that None leaves to the argument accuracy

@@ -1,6 +1,7 @@
 import html
 import io
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from ruamel.yaml import YAML
 import runout
 from runout.config.schema import SiteSettings
 from runout.hazard.maps import HEADLINE_MAPS
+from runout.model.friction_laws import FRICTIONS
+from runout.model.laws import LAWS
 from runout.variables import VARIABLES
 
 
@@ -79,6 +82,13 @@ def test_every_key_of_site_yaml_is_in_the_guide(pages):
         assert key in text, key
     for key in ("resolution", "placement", "cone", "particles_per_cell", "percentiles", "standard_deviation", "sha256"):
         assert key in text, key
+
+
+def test_every_law_is_in_the_theory_with_its_formula(pages):
+    text = text_of(pages / "theory.html")
+    for law in (*LAWS.of_runout(), *FRICTIONS.of_runout()):
+        assert f"{law.name}:" in text
+        assert sys.modules[law.declaration.__module__].__doc__.splitlines()[0] in text
 
 
 def test_every_headline_map_is_in_the_guide_with_its_meaning(pages):

@@ -115,7 +115,7 @@ def simulate_on(*, device, pause, **arguments):
 
 
 def _warn():
-    logging.getLogger("runout.simulation").warning("0.4 cells through a depth of %.3g m", time.time() % 100)
+    logging.getLogger("runout.simulation.single").warning("0.4 cells through a depth of %.3g m", time.time() % 100)
 
 
 def _material():

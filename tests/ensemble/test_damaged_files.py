@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from runout.checkpoint import Checkpoint, stored_time
 from runout.ensemble.member import stored_key
 from runout.ensemble.status import Failure
 from runout.ensemble.written import Written
 from runout.io.seal import seal
+from runout.simulation.checkpoint import Checkpoint, stored_time
 
 ARRAYS = {"run.time": np.array(3.0), "position": np.random.default_rng(0).random((300, 3)), "key": np.array("k" * 64)}
 

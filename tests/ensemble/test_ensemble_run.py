@@ -25,7 +25,7 @@ from runout.ensemble.work import dealt, longest_first
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 from runout.io.lock import exclusive
-from runout.source_code import Checksums
+from runout.io.source_code import Checksums
 
 ANGLE = "basal_friction_angle_deg"
 
@@ -128,7 +128,7 @@ def test_change_that_matters_to_all_reruns_all(tmp_path, monkeypatch, change):
     if change == "input":
         (tmp_path / "dem.txt").write_text("1 2 4")
     if change == "sources":
-        monkeypatch.setattr("runout.source_code.checksums", lambda: Checksums("other", "other"))
+        monkeypatch.setattr("runout.io.source_code.checksums", lambda: Checksums("other", "other"))
     place = site(tmp_path, members=2, **{"setting": {"cell_size": 10.0}, "seed": {"seed": 2}}.get(change, {}))
     assert all(one.reason == "not run yet with these inputs and settings" for one in standings(place, tmp_path / "results"))
     assert run(place).done == (0, 1)

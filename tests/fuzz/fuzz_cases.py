@@ -20,8 +20,8 @@ from odd_sites import write_odd_site
 
 from runout.config import extent
 from runout.errors import RunoutError
+from runout.forecast.step_cost import StepCost
 from runout.workflow import plan, preview
-from runout.workflow.step_cost import StepCost
 
 LARGEST_DERIVED = 2_000_000  # cells that a site on a huge raster may need here, so that memory and time of a case are bounded
 LIMIT, WAITING_LIMIT = 30, 300  # [s] of processor time of a case, most of which take some hundredths, and of waiting

@@ -13,10 +13,11 @@ from odd_sites import write_good, write_odd_site
 from odd_values import BLOCKS, NUMBERS, PATHS, TEXTS, mutated
 
 import runout
-from runout import cli, doctor, simulation
+from runout import cli
 from runout.errors import ExitCode, StabilityError
+from runout.simulation import single
 from runout.studies import stability_stress, verification, work_precision
-from runout.workflow import hazard_map
+from runout.workflow import doctor, hazard_map
 
 # values of options and folders that a command writes: nothing outside of the working directory
 WRITTEN = ["new", "site.yaml", "site/inputs/dem.tif/x", "site/inputs/pipe", "x" * 300, "con\nfused", "site", "a.tif", "film.gif",
@@ -147,7 +148,7 @@ def without_work() -> Iterator[None]:
     with contextlib.ExitStack() as patches:
         for place, name in without_result:
             patches.enter_context(mock.patch.object(place, name, nothing))
-        for place in (runout, simulation):
+        for place in (runout, single):
             patches.enter_context(mock.patch.object(place, "simulate", simulate))
         patches.enter_context(mock.patch.object(doctor, "_devices", return_value=()))
         patches.enter_context(mock.patch.dict(os.environ))

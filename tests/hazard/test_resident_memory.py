@@ -18,7 +18,7 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="memory as Linux s
 STAGE = """
 import sys
 from pathlib import Path
-from runout.without_dask import hide_dask
+from runout.processes.without_dask import hide_dask
 hide_dask()  # as the command does
 import numpy as np, pandas as pd
 from runout.hazard.exceedance import aggregate

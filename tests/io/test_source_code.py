@@ -5,20 +5,17 @@ import shutil
 
 import pytest
 
-from runout import source_code
-from runout.io.atomic import read_json
-from runout.source_code import Checksums, checksums_of
+from runout.io import source_code
+from runout.io.source_code import Checksums, checksums_of
 
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A small package that takes the place of runout, and a cache of its own."""
-    for name in ("physics/contact.py", "report/maps.py", "cli.py", "physics/__pycache__/contact.py"):
+    """A small package that takes the place of runout."""
+    for name in ("physics/contact.py", "report/maps.py", "cli.py"):
         (tmp_path / "a" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "a" / name).write_text("x = 1\n")
     monkeypatch.setattr(source_code, "PACKAGE", tmp_path / "a")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.delenv("RUNOUT_CACHE", raising=False)
     return tmp_path / "a"
 
 
@@ -30,7 +27,7 @@ def now():
 @pytest.mark.parametrize(
     ("name", "of_members", "of_products"),
     [("physics/contact.py", True, True), ("report/maps.py", False, True), ("cli.py", False, True), ("new.py", True, True),
-     ("physics/__pycache__/contact.py", False, False), ("physics/note.txt", False, False)],
+     ("physics/note.txt", False, False)],
 )  # fmt: skip
 def test_a_change_of_a_source_changes_what_depends_on_it(package, name, of_members, of_products):
     before = now()
@@ -56,29 +53,6 @@ def test_a_file_that_moves_changes_the_checksum(package):
     before = now()
     (package / "physics" / "contact.py").rename(package / "physics" / "friction.py")
     assert now() != before
-
-
-def test_unchanged_sources_are_not_read_again(package, monkeypatch):
-    before = now()
-    monkeypatch.setattr(source_code, "checksums_of", lambda *_: pytest.fail("the sources are read"))
-    assert now() == before
-
-
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"stamps": 1}'])
-def test_a_damaged_note_is_not_used(package, tmp_path, content):
-    before = now()
-    (note,) = (tmp_path / "cache" / "notes").iterdir()
-    if content == '{"stamps": 1}':
-        content = note.read_text().replace(before.members, "").replace('""', "5")
-    note.write_text(content)
-    assert now() == before
-    assert read_json(note)["members"] == before.members
-
-
-def test_without_a_cache_the_sources_are_read_each_time(package, monkeypatch, tmp_path):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
-    assert now() == now() == checksums_of(package)
 
 
 def test_keys_of_members_stages_and_checkpoints_hold_it(monkeypatch):

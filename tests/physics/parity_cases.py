@@ -289,15 +289,6 @@ CASES = [
     Case(numerical_scales.smoothed_area, "s", "s", (between(0.5, 5.0),)),
     Case(numerical_scales.part_beyond, "sss", "s", (between(0.5, 8.0), between(1.0, 3.0), between(3.5, 8.0))),
     Case(flow_columns.column_speed, "ssss", "s", (between(0.1, 5.0), number, number, number)),
-    *(
-        Case(formula, "sss", "s", (between(0.1, 5.0), speed, between(500.0, 3000.0)))
-        for formula in (
-            flow_columns.flow_thickness,
-            flow_columns.flow_speed,
-            flow_columns.dynamic_pressure,
-            flow_columns.momentum_flux,
-        )
-    ),
     Case(flow_columns.time_of_passing, "sssss", "s", (between(0.1, 0.2), between(0.0, 0.1), between(0.3, 2.0), speed, speed)),
     Case(numerical_scales.smallest_feature, "ss", "s", (between(0.1, 50.0), between(0.1, 50.0))),
     Case(numerical_scales.relief_friction, "ssss", "s", (between(0.0, 0.5), speed, between(1.0, 20.0), between(0.1, 50.0))),

@@ -13,7 +13,7 @@ import pytest
 
 from runout.backends.protocol import get_backend
 from runout.model.scene import Raster
-from runout.run import Run, RunControl
+from runout.simulation.run import Run, RunControl
 from runout.studies.sloping_layer import MARGIN, SPACING, Layer
 from runout.studies.timing import memory_of
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from runout import Release, Terrain
-from runout.accuracy import PARTICLES_PER_CELL
 from runout.backends.resting_particles import sample_particles
 from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
 from runout.materials.granular_flow import GranularFlow
 from runout.model.friction import FrictionZones
+from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.surface import Surface
 from runout.release.arrangement import LEVEL, default_particles, particles_for
 

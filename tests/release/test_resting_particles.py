@@ -13,7 +13,7 @@ from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import STANDARD_GRAVITY
 from runout.release import stagger
 from runout.release.known import onto_known_ground
-from runout.scenario import build_scene
+from runout.simulation.scenario import build_scene
 from runout.terrain.free_surface import free_surface
 
 FIRM = DruckerPrager(density=2000.0, friction_angle=30.0, cohesion=3e3)

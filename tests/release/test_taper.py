@@ -17,7 +17,7 @@ from runout.release.outlets import trapped_share
 from runout.release.read import _on_cells
 from runout.release.statements import separate_parts, start_sentences, statement
 from runout.release.taper import tapered
-from runout.scenario import build_scene
+from runout.simulation.scenario import build_scene
 
 CELL, SLOPE, WEST = 5.0, math.tan(math.radians(25.0)), 200.0
 EGG = shapely.transform(shapely.Point(0, 0).buffer(1.0), lambda c: np.array([150.0, 150.0]) + c * [75.0, 55.0])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from runout.accuracy import BOUNDS, expected_errors
 from runout.errors import StorageError
+from runout.forecast.accuracy import BOUNDS, expected_errors
 from runout.report import tables
 from runout.report.html import render, write_report
 from runout.report.sheets import exceedance_sheet

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from runout.accuracy import expected_errors
+from runout.forecast.accuracy import expected_errors
 from runout.report.structures import LoadError
 from runout.report.wording import number, number_within, percent, quantity, span, volume
 

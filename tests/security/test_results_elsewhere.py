@@ -13,7 +13,7 @@ import pytest
 sys.path.append(str(Path(__file__).parents[1] / "workflow"))
 from ramp_site import write_site
 
-from runout import caches, cli, log
+from runout import cli, log
 from runout.config.site import read_site
 from runout.ensemble.run import run_ensemble
 from runout.errors import ConfigError, ExitCode, StorageError
@@ -22,6 +22,7 @@ from runout.io.lock import exclusive, shared
 from runout.io.part import remove_stale
 from runout.io.places import fault_in_results
 from runout.io.regular import irregular, open_regular
+from runout.processes import caches
 from runout.workflow import hazard_map
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and pipes of POSIX")
@@ -232,7 +233,7 @@ def test_the_temporary_cache_is_a_folder_of_this_user(cache, kind, tmp_path):
 
 
 def test_a_cache_of_others_is_found_by_the_doctor(cache):
-    from runout import doctor
+    from runout.workflow import doctor
 
     cache.chmod(0o777)
     (finding,) = doctor._caches()

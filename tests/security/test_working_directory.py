@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parents[1] / "workflow"))
 from ramp_site import write_site
 
 from runout import cli
-from runout.lifetime import import_path, interrupts_kept, python_command
+from runout.processes.lifetime import import_path, interrupts_kept, python_command
 from runout.report.elsewhere import COMMAND as DRAW
 from runout.view.process import RENDERER
 

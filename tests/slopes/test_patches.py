@@ -130,7 +130,7 @@ def test_proposals_name_the_grid_that_they_need_and_check_knows_their_error_on_i
 
 
 def test_releases_that_the_memory_cannot_hold_are_not_proposed(proposed, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("runout.memory.available_bytes", lambda: 1e8)
+    monkeypatch.setattr("runout.forecast.memory.available_bytes", lambda: 1e8)
     assert cli.main(["-q", "--out", str(tmp_path), "suggest-release", str(proposed[0]), *WEAK]) == ExitCode.OK
     assert "no release is proposed: 1 releases need more memory than is free" in capsys.readouterr().out
     assert not (tmp_path / "slopes" / "release.gpkg").exists()

@@ -7,7 +7,7 @@ from boxes import Box
 from scenes import at, engine_of, loaded, plane, scene
 
 from runout.model.terrain import Terrain
-from runout.structure_forces import StructureForces
+from runout.simulation.structure_forces import StructureForces
 from runout.structures.build import build_structures
 from runout.structures.facades import mesh_facades
 from runout.structures.solid import Solid

@@ -7,7 +7,7 @@ from boxes import FACES, between, field_of_boxes
 import runout
 from runout.errors import ConfigError
 from runout.model.structures import Structures
-from runout.structure_forces import StructureForces, named_structures, percentile_by_area
+from runout.simulation.structure_forces import StructureForces, named_structures, percentile_by_area
 
 HOUSE, SHED = between((0, 0, 0), (2, 4, 3)), between((9, 0, 0), (10, 1, 1))
 FIELD = field_of_boxes([HOUSE, SHED], 0.5, 2.0)

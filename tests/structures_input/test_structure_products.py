@@ -14,8 +14,7 @@ from ramp_site import COLUMNS, NORTH, ROWS, SITE, WEST, write_site
 
 from runout.hazard.facades import maxima_of
 from runout.io import netcdf
-from runout.structure_forces import StructureForces
-from runout.structure_series import facade_series
+from runout.simulation.structure_forces import StructureForces, facade_series
 from runout.structures.build import build_structures
 
 

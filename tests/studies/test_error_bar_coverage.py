@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from docs.pages.error_bars import coverage, page
-from runout.numerical_error import MAP
+from runout.forecast.numerical_error import MAP
 from runout.studies.convergence import Run, plan
 from tests.benchmarks import error_bar_coverage as study
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runout.numerical_error import MAP, ORDER, SAFETY, SHARE, ErrorBar, fitted, statements
+from runout.forecast.numerical_error import MAP, ORDER, SAFETY, SHARE, ErrorBar, fitted, statements
 
 RATIOS = (2.0, 2.0, 1.7, 1.7, 1.4, 1.4, 1.2, 1.0)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from runout import Coulomb, DruckerPrager, FrictionZones, Release, Terrain, VelocityWeakening, Voellmy
+from runout.forecast.stiffness import stiffness
 from runout.model.column_resistance import ColumnResistance, Columns, ground_below
-from runout.stiffness import stiffness
 from runout.terrain import drag_speed
 from runout.terrain.energy_line import largest_speed
 

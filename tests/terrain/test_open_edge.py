@@ -6,7 +6,7 @@ import pytest
 from runout import DruckerPrager, Release, Terrain, simulate
 from runout.errors import DemError
 from runout.model.numerics import Numerics
-from runout.scenario import build_scene
+from runout.simulation.scenario import build_scene
 from runout.terrain import open_edge
 from runout.terrain.fill import continued, filled
 from runout.terrain.open_edge import unknown_cells

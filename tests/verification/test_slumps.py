@@ -14,7 +14,7 @@ import runout
 from runout.backends.protocol import get_backend
 from runout.model.numerics import Numerics
 from runout.physics import geostatic
-from runout.scenario import build_scene
+from runout.simulation.scenario import build_scene
 
 INTERNAL_DEG, BASAL_DEG, H = 34.0, 30.0, 2.0
 STRENGTH = math.sin(math.radians(INTERNAL_DEG))

@@ -3,7 +3,7 @@
 import pytest
 from ramp_site import write_site
 
-from runout import engine_notes
+from runout.forecast import engine_notes
 
 
 @pytest.fixture(autouse=True)

@@ -63,7 +63,7 @@ def test_relief_and_its_cost_are_stated_and_an_oscillation_is_named(tmp_path):
 
 
 def test_check_compiles_nothing(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("runout.workflow.step_cost.measured_step_cost", lambda arguments: pytest.fail("a step is measured"))
+    monkeypatch.setattr("runout.forecast.step_cost.measured_step_cost", lambda arguments: pytest.fail("a step is measured"))
     code, out = said(capsys, "check", write_site(tmp_path / "ramp"))
     assert code == ExitCode.OK
     assert "on a typical machine" in out

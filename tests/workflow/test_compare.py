@@ -20,6 +20,7 @@ from runout.errors import ExitCode
 from runout.io import netcdf
 from runout.io.geotiff import write_cog
 from runout.io.member_maps import read_maps
+from runout.map_quantities import QUANTITIES
 
 UTM = "EPSG:32632"
 
@@ -80,7 +81,7 @@ def test_two_members_are_scored_and_written_as_page_record_and_maps(members, tmp
     page = (out / "comparison.html").read_text()
     assert "Maximum flow thickness: difference" in page
     assert not re.findall(r"(?:src|href)=\"(?!data:|#)", page)
-    assert page.count("data:image/png;base64") == 15  # five quantities, each of both and as difference
+    assert page.count("data:image/png;base64") == 3 * len(QUANTITIES) + 3  # each quantity and arrival: of both and as difference
 
 
 def test_a_product_against_itself_is_perfect_and_its_reverse_has_the_other_sign(members, finished_site, capsys):

@@ -8,7 +8,7 @@ from runout.backends.scan import ahead
 from runout.backends.scan.precompile import variant
 from runout.config.site import read_site
 from runout.errors import ConfigError
-from runout.scenario import build_scene, scene_arguments
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.workflow import hazard_map
 from runout.workflow.compilation import compile_ahead
 

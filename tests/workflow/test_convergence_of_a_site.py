@@ -8,9 +8,10 @@ import pytest
 from ramp_site import write_site
 
 from runout import cli, read_site
-from runout.accuracy import BOUNDS
 from runout.errors import ConfigError
-from runout.numerical_error import ORDER, SAFETY, statements
+from runout.forecast.accuracy import BOUNDS
+from runout.forecast.numerical_error import ORDER, SAFETY, statements
+from runout.scores.flow import BAR_MAPS
 from runout.studies import convergence
 from runout.studies.map_distance import area_above, compared
 
@@ -116,7 +117,7 @@ def test_command_check_and_page_state_one_error_of_the_site(ramp, capsys, monkey
     found = json.loads((ramp / "results" / "convergence.json").read_text())
     assert 0 < found["quantities"]["f99"]["relative_error"] < 0.3
     fields = {field["map"]: field for field in found["fields"]}
-    assert set(fields) == {"flow_thickness", "deposit", "speed", "pressure", "arrival", "erosion", "deposition"}
+    assert set(fields) == {*BAR_MAPS.values(), "arrival", "erosion", "deposition"}
     assert fields["deposit"]["critical_success_index"]["0.1"] > 0.6
     assert 0 < fields["flow_thickness"]["relative_l1"] < 1
     assert abs(fields["deposit"]["net_sum"]) <= fields["deposit"]["absolute_sum"]

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 from ramp_site import write_site
 
-from runout import engine_notes
 from runout.config.site import read_site
-from runout.engine_notes import StepCost
 from runout.ensemble.step_time import StepTimer
-from runout.workflow import plan, step_cost
+from runout.forecast import engine_notes, step_cost
+from runout.forecast.engine_notes import StepCost
+from runout.workflow import plan
 from runout.workflow.compilation import compile_ahead, kernels_noted
 
 

@@ -6,9 +6,9 @@ from ramp_site import SITE, write_site
 
 import runout
 from runout.ensemble.member import plan_members
+from runout.forecast.step_cost import StepCost, measured_step_cost
 from runout.workflow import flow_forecast, plan
 from runout.workflow.check_stiffness import member_stiffness
-from runout.workflow.step_cost import StepCost, measured_step_cost
 
 AUTO = SITE.replace("youngs_modulus: 2.0e+6, ", "")
 CASES = {  # of basal friction [deg] and the end time [s]: the flow rests, is cut off by the end time, leaves the DEM, never starts

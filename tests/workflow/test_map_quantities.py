@@ -1,55 +1,21 @@
-"""A map quantity is one row of a table: its maps, thresholds, files, styles and report follow."""
+"""Map quantities: their names, their formulas, and the peaks that are made of them. ``tests/recipes`` adds one."""
 
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
+import ast
+import inspect
+import textwrap
 
+import numba
 import numpy as np
 import pytest
-from ramp_site import SITE, write_site
 
+from runout.backends.compile import numba_binding, rebound
 from runout.map_quantities import QUANTITIES, member_map_names, peak_quantities, quantity_of
+from runout.model.shared_subset import violations_in
 from runout.variables import VARIABLES
-
-HERE = Path(__file__).parent
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    """What a process finds that adds the quantity ``kinetic_head`` to the table."""
-    text = SITE.replace("members: 4", "members: 2").replace("percentiles:", "kinetic_head_thresholds: [0.4], percentiles:")
-    folder = write_site(tmp_path_factory.mktemp("added") / "ramp", text)
-    environment = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
-    command = [sys.executable, HERE / "added_quantity.py", folder]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-def test_an_added_quantity_is_found_by_its_formula_in_the_maps_of_a_member(found):
-    assert found["head"] == pytest.approx(found["of_speed"], rel=1e-12)
-    assert found["head"] > 1.0
-    assert found["in_members_nc"] == pytest.approx(found["head"], rel=1e-6)
-
-
-def test_an_added_quantity_has_thresholds_in_site_yaml_and_all_maps_over_the_members(found):
-    assert found["resolved"] == [0.4]
-    kinds = [f"kinetic_head_exceedance_{kind}" for kind in ("probability", "rms_error", "standard_error")]
-    assert found["hazard"] == sorted([*kinds, "kinetic_head_percentile", "kinetic_head_threshold", "peak_kinetic_head"])
-
-
-def test_an_added_quantity_has_rasters_with_styles_and_sheets_of_the_report(found):
-    stems = ["kinetic_head_exceedance_probability_over_0.4", "kinetic_head_exceedance_standard_error_over_0.4"]
-    stems += ["kinetic_head_percentile_50", "peak_kinetic_head"]
-    assert found["maps"] == sorted(f"{stem}.{kind}" for stem in stems for kind in ("tif", "qml"))
-    assert found["report"] >= 4
 
 
 def test_every_quantity_of_the_table_is_described():
     assert next(iter(QUANTITIES)) == "thickness"
-    assert len(peak_quantities()) == 4
     for name, q in QUANTITIES.items():
         made = [q.member_map, q.percentile, q.peak, q.threshold, q.joint_threshold, *([q.mean] if q.mean else [])]
         made += [q.exceedance(kind) for kind in ("probability", "standard_error", "rms_error")]
@@ -61,11 +27,20 @@ def test_every_quantity_of_the_table_is_described():
     assert quantity_of("elevation") is None
 
 
+@pytest.mark.parametrize("quantity", peak_quantities(), ids=lambda quantity: quantity.name)
+def test_a_formula_is_read_by_numba_as_by_python(quantity):
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(quantity.formula))).body
+    assert list(violations_in(tree)) == []
+    compiled = numba.njit(rebound(quantity.formula, numba_binding(np.float64, False).names, {}))
+    for column in ((0.2, 0.0, 1500.0), (3.7, 12.5, 2000.0), (40.0, 80.0, 2600.0)):
+        assert compiled(*column) == pytest.approx(quantity.formula(*column), rel=1e-14)
+
+
 def test_momentum_flux_is_the_peak_of_the_product_and_not_the_product_of_peaks():
     """Thick and slow, then thin and fast: the largest h v^2 is less than what the maxima would give."""
     from runout.backends.protocol import RasterSums
     from runout.model.scene import Raster
-    from runout.observers import PeakMaps
+    from runout.simulation.observers import PeakMaps
 
     class Scene:
         raster = Raster(3, 4, (2.0, 2.0))

@@ -9,11 +9,11 @@ import pytest
 from runout import DruckerPrager, Release, Terrain, Voellmy, VoellmyBase
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError
-from runout.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
+from runout.forecast.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
 from runout.model.numerics import Numerics, Scheme
 from runout.release.sample import particles_per_axis
-from runout.scenario import build_scene
-from runout.simulation import simulate
+from runout.simulation.scenario import build_scene
+from runout.simulation.single import simulate
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=1e7, friction_angle=30.0)
 
@@ -120,7 +120,7 @@ def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any
 
 def test_a_run_that_the_machine_cannot_hold_is_refused(monkeypatch):
     terrain, release = valley(10.0, 30.0)
-    monkeypatch.setattr("runout.memory.available_bytes", lambda: 1e8)
+    monkeypatch.setattr("runout.forecast.memory.available_bytes", lambda: 1e8)
     with pytest.raises(CapacityError, match=r"the memory that is available is 0\.1 GB"):
         simulate(terrain, release, SAND, cell_size=5.0, end_time=1.0)
 

@@ -159,7 +159,7 @@ def test_nothing_to_do_loads_no_library_that_it_does_not_need(finished_site):
 @pytest.mark.parametrize("cost", [[1e-4, 3e-8], None])
 def test_a_check_loads_no_compiler_whether_the_kernels_are_known_or_not(cost):
     code = (
-        "import sys; from runout import engine_notes; from runout.cli import main\n"
+        "import sys; from runout.forecast import engine_notes; from runout.cli import main\n"
         f"engine_notes.known = lambda name, of, times=1: 100_000_000 if name == 'memory' else {cost}\n"
         "assert main(['check', sys.argv[1]]) == 0\n"
         "unneeded = 'numba', 'warp', 'matplotlib', 'xarray', 'rasterio', 'runout.structures.read', 'runout.scores.comparison'\n"

@@ -17,7 +17,7 @@ from runout import cli
 from runout.config.site import read_site
 from runout.ensemble.member import plan_members
 from runout.errors import ConfigError, ExitCode, RenderError
-from runout.run import Run
+from runout.simulation.run import Run
 from runout.view import process
 from runout.workflow import hazard_map, seeing, single_member
 from runout.workflow.study import Study
@@ -84,7 +84,7 @@ def test_snapshots_cost_nothing_unless_they_are_asked_for(finished_site, monkeyp
         assert not {"snapshots", "snapshot_particles"} & set(plain.groups)
     calls = []
     monkeypatch.setattr(Run, "_frame", lambda *_: calls.append("frame"))
-    monkeypatch.setattr("runout.observers.ParticleSample.take", lambda *_: calls.append("particles"))
+    monkeypatch.setattr("runout.simulation.observers.ParticleSample.take", lambda *_: calls.append("particles"))
     arguments = site.member_arguments(member.parameters)
     assert "snapshot_times" not in arguments
     result = runout.simulate(**{**arguments, "end_time": 1.0, "threads": 1})

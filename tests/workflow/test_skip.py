@@ -11,8 +11,8 @@ from docs.pages.skip import page
 from runout import DruckerPrager, Release, Terrain
 from runout.backends.protocol import get_backend
 from runout.model.numerics import Numerics
-from runout.run import RunControl
-from runout.scenario import build_scene
+from runout.simulation.run import RunControl
+from runout.simulation.scenario import build_scene
 from tests.benchmarks import skip
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=2e6, friction_angle=30.0)

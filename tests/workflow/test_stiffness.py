@@ -9,13 +9,13 @@ import pytest
 from ramp_site import SITE, write_site
 
 import runout
-from runout.checkpoint import run_key
 from runout.errors import ConfigError, MaterialError
+from runout.forecast.stiffness import chosen_moduli, extremes, sentence_of, stiffness
 from runout.io.netcdf import read_attributes
 from runout.model.numerics import Numerics
 from runout.model.parameters import parameter
-from runout.scenario import build_scene, scene_arguments
-from runout.stiffness import chosen_moduli, extremes, sentence_of, stiffness
+from runout.simulation.checkpoint import run_key
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.workflow.check import inspect
 from runout.workflow.check_stiffness import lines, member_stiffness
 

@@ -9,7 +9,7 @@ from runout.backends.hash.batch import Batch
 from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.grid import bytes_of_areas
 from runout.backends.hash.index import first_table
-from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, room_for
+from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, layers_of, room_for
 from runout.backends.hash.limits import largest_blocks, require_particles, room_within
 from runout.backends.hash.structures import bytes_of_structures
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
@@ -121,13 +121,14 @@ def bytes_needed(
     beside: int = 0,
     friction: BasalFriction | FrictionLaw | None = None,
     mixed: int = 1,
+    substeps: int = 1,
 ) -> int:
     """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
     Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``transfer`` and ``f_bar`` as of
     :class:`runout.model.scene.Scene`; of aflip one that keeps something. ``beside``: blocks with impulses of ``structures``.
     ``friction``: the law on the ground; without one, one that needs no areas. ``mixed``: releases whose frictions differ, 1 if
-    all are alike.
+    all are alike. ``substeps``: most of a transfer.
 
     Raises
     ------
@@ -136,14 +137,16 @@ def bytes_needed(
     """
     number = 4 if precision == "float32" else 8
     require_particles(particles, number)
-    room_within(blocks, blocks, largest_blocks(deterministic, transfer == "aflip", friction, mixed), "blocks")
+    kept, substepped = transfer == "aflip", substeps > 1
+    room_within(blocks, blocks, largest_blocks(deterministic, kept, friction, mixed, substepped), "blocks")
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
     rows = ROWS + 1 + SPARE * (particles < FEW)
-    particle = (rows + 4 + 6 * (transfer != "mls")) * number + 14 + 4 * f_bar  # rows, radius, force, stress; release, number, ...
+    particle = (rows + 4 + 6 * (transfer != "mls")) * number + 14 + 4 * (f_bar or substepped)  # rows, radius, force, stress; ...
     nodes = 64 * room_for(blocks)
-    grid = 4 * number * (max((1 + (transfer == "aflip")) * nodes, particles // 4) + nodes * (f_bar and not deterministic))
-    block = 520 + 2 * number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
+    layers = layers_of(kept, substepped, deterministic)
+    grid = 4 * number * (max(layers * nodes, particles // 4) + nodes * (f_bar and not deterministic))
+    block = 520 + 2 * number + 260 * (f_bar or substepped) + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number + tiles
     more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0

@@ -68,8 +68,11 @@ class Batch:
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
-        also = any(s.friction_zones for s in given), gradient_transfer.uses_gradient_transfer(given[0]), any(map(structured, given))
-        kernels = compiled_kernels(given[0].law, given[0].basal.law, given[0].precision, deterministic, *also)
+        kernels = compiled_kernels(
+            given[0].law, given[0].basal.law, given[0].precision, deterministic,
+            zoned=any(s.friction_zones for s in given), gradient_transfer=gradient_transfer.uses_gradient_transfer(given[0]),
+            structured=any(map(structured, given)), substepped=any(s.substeps > 1 for s in given),
+        )  # fmt: skip
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
         self.since_sort, self.looks = 0, Looks(len(scenes))
@@ -154,22 +157,24 @@ class Batch:
         self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None, take: Take | None = None,
         going_on: Collection[int] = (), substeps: Sequence[int] | None = None,
     ) -> None:  # fmt: skip
-        """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted.
+        """``count[s]`` transfers of scene s, each of ``substeps[s]`` substeps (1) of ``dt[s]`` [s].
 
-        ``take`` gets scene, step and columns after the steps that ``looks`` names by scene, from 1 on. A step is checked where
-        its series begins: scenes that are ``going_on`` with one keep its length, as in a run of their own.
+        The host looks in only when particles are sorted.
+        ``take`` gets scene, transfer and columns after the transfers that ``looks`` names by scene, from 1 on. A step is checked
+        where its series begins: scenes that are ``going_on`` with one keep its length, as in a run of their own.
         """
         started = time.perf_counter()
-        self.looks.begin(looks or {}, take)
+        each = np.ones(len(self.accounts), np.int64) if substeps is None else np.asarray(substeps, np.int64)
+        for scene, number in zip(self.parts.scenes.scenes, each, strict=True):
+            scene.require_substeps(int(number))
+        self.looks.begin(looks or {}, take, each)
         with self._on_device():
-            self.looks.find_mass(self.parts, self.report, self.accounts, np.asarray(dt, float) * np.asarray(count))
+            self.looks.find_mass(self.parts, self.report, self.accounts, np.asarray(dt, float) * each * np.asarray(count))
         self.report.forget()
-        for scene, number in zip(self.parts.scenes.scenes, substeps or (), strict=False):
-            scene.require_substeps(number)
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
-            self._set_steps(np.asarray(dt, float), left)
+            self._set_steps(np.asarray(dt, float), each, left)
             given = np.zeros_like(left)
             while left.max() > 0 and self.parts.store.n > 0:
                 if self.since_sort >= self._steps_per_sort(left):
@@ -179,25 +184,26 @@ class Batch:
                 done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
                 given = np.maximum(left - done, 0)
                 left = np.where(self.present, given, 0)
-        self.counters.steps += int(left.max())
+        self.counters.steps += int((left * each).max())
+        self.counters.transfers += int(left.max())
         seconds = self.counters.seconds
         seconds["steps"] = seconds.get("steps", 0.0) + time.perf_counter() - started
 
-    def _set_steps(self, dt: np.ndarray, left: np.ndarray) -> None:
-        """Time steps [s] of the scenes that have steps ``left``; packed records are packed anew where theirs changes."""
+    def _set_steps(self, dt: np.ndarray, substeps: np.ndarray, left: np.ndarray) -> None:
+        """Time steps [s] of the scenes that have transfers ``left``; packed records are packed anew where theirs changes."""
         parts, scenes = self.parts, self.parts.scenes
         before = np.array([a.packed_dt for a in self.accounts])
-        now = np.where(left > 0, dt, before)
-        if np.array_equal(before, now):
+        now, substeps = np.where(left > 0, dt, before), np.where(left > 0, substeps, scenes.substeps)
+        if np.array_equal(before, now) and np.array_equal(scenes.substeps, substeps):
             return
-        if scenes.scenes[0].packed:
+        if scenes.scenes[0].packed and not np.array_equal(before, now):
             longer = wp.array(now - before, dtype=scenes.number)
             groups = parts.store.group, parts.index.block_group, scenes.constants, scenes.materials
             run(parts.k.change_step, parts.store.n, *groups, longer)
         self._limit_forces(now, before)
         for account, length in zip(self.accounts, now, strict=True):
             account.packed_dt = float(length)
-        scenes.set_steps(now)
+        scenes.set_steps(now, substeps)
 
     def _limit_forces(self, now: np.ndarray, before: np.ndarray) -> None:
         """Reduce the forces from which contacts start where the steps of a scene become much longer than those before."""
@@ -220,8 +226,9 @@ class Batch:
                 self._break(s, str(error))
 
     def _steps_per_sort(self, left: np.ndarray) -> int:
-        """Steps from one sort to the next: as many as the fastest particle takes to come one cell further."""
-        moves = [a.packed_dt * a.max_speed for a, n in zip(self.accounts, left, strict=True) if n > 0]
+        """Transfers from one sort to the next: as many as the fastest particle takes to come one cell further."""
+        each = zip(self.accounts, self.parts.scenes.substeps, left, strict=True)
+        moves = [a.packed_dt * k * a.max_speed for a, k, n in each if n > 0]
         cells = max(moves) / min(self.parts.scenes.scenes[0].spacing)
         return STEPS_PER_SORT if cells * STEPS_PER_SORT <= 1 else max(FEWEST, int(1 / cells))
 
@@ -233,8 +240,10 @@ class Batch:
         parts = self.parts
         if not self.sorting:
             parts.status.flags.zero_()
+        substeps = int(parts.scenes.substeps[left > 0].max())
         for k in range(count):
-            self._launch((parts.store.turn, parts.index.launched), lambda: step.enqueue(parts), int(count == 1))
+            name = parts.store.turn, parts.index.launched, substeps
+            self._launch(name, lambda: step.enqueue(parts, substeps), int(count == 1))
             self.looks.launch(parts, self.accounts, k + 1, left)
         ready = not self.sorting or self._settle()
         found, ahead = parts.status.snapshot(), ready and left.max() > count
@@ -244,11 +253,8 @@ class Batch:
         status = found.arrived()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
-        self.counters.steps += done
-        self.counters.transfers += done
-        self.looks.made += np.minimum(done, left)
-        held = [parts.store.n] if len(self.accounts) == 1 else [a.particles for a in self.accounts]
-        self.counters.particle_steps += int(np.minimum(done, left) @ np.array(held))
+        self.looks.made += np.minimum(done, left) * parts.scenes.substeps
+        self._count(done, left, parts.scenes.substeps)
         self.since_sort += 0 if ahead else done
         for account, peak, touching in zip(self.accounts, peaks, contacts, strict=False):
             account.max_speed, account.contact_particles = float(np.sqrt(peak)), int(touching)
@@ -263,6 +269,14 @@ class Batch:
             self._rebuild()
             self._settle()
         return done
+
+    def _count(self, done: int, left: np.ndarray, substeps: np.ndarray) -> None:
+        """Count ``done`` transfers, of each scene at most those that are ``left``."""
+        made, alone = np.minimum(done, left) * substeps, len(self.accounts) == 1
+        held = [self.parts.store.n if alone else a.particles for a in self.accounts]
+        self.counters.steps += int(made.max(initial=0))
+        self.counters.transfers += done
+        self.counters.particle_steps += int(made @ np.array(held))
 
     def _break(self, scene: int, reason: str) -> None:
         """A scene has become unstable: the only one ends the run, one of several leaves."""
@@ -289,7 +303,7 @@ class Batch:
             gone = wp.array((~self.present).astype(np.int32), dtype=wp.int32)
             run(parts.k.leave, parts.store.n, parts.store.group, parts.index.block_group, gone)
 
-    def _launch(self, name: tuple[int, int], enqueue: Callable[[], None], before: int) -> None:
+    def _launch(self, name: tuple[int, ...], enqueue: Callable[[], None], before: int) -> None:
         """Launches, on a GPU as a graph once they have come ``before`` times."""
         self.graphs.launch(name, self._generation(), enqueue, before)
 

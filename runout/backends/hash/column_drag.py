@@ -211,8 +211,8 @@ def _change_of_column(
     g = node_at(columns.moving, place)
     mass = g[0]
     result = node4()
-    if mass > real(0.0):
-        s = _scene_of(blocks, scenes, first)
+    s = _scene_of(blocks, scenes, first)
+    if mass > real(0.0) and scenes.clock[s, 0] > real(0.0):
         pushes = node4()
         if ORDERED:
             pushes = _pushes_on(status, blocks, contacts, first, n)

@@ -26,6 +26,7 @@ from runout.backends.hash.layout import (
     BASES,
     BLOCKS,
     CELL_LANES,
+    DRAGS_AT_ONCE,
     DRAGS_COLUMN,
     HALT,
     SECOND,
@@ -81,7 +82,10 @@ def _set_all_bases(bases: Tile, blocks: BlockGroup, contacts: ContactGroup, b: i
 def sum_columns(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, columns: ColumnGroup
 ):  # fmt: skip
-    """Sum in fixed order the weights of contacts in each column of nodes, and if drag slows it mass and momentum; a thread each."""
+    """Sum the weights of contacts in each column of nodes, and if drag slows it mass and momentum; a thread each.
+
+    In fixed order; or, where contacts add up their weights and impulses, before they do so in a further substep of a transfer.
+    """
     t = wp.tid()
     first = t // COLUMNS
     n = t % COLUMNS
@@ -101,6 +105,8 @@ def sum_columns(
                 moving += node_at(grid.nodes, 64 * b + 4 * n + k)
         b += 1
     contacts.plan[t] = total
+    if DRAGS_AT_ONCE:
+        put_node(contacts.column_pushes, t, node4())
     if DRAGS_COLUMN:
         put_node(columns.moving, t, moving)
 

@@ -35,6 +35,7 @@ from runout.backends.hash.layout import (
     BASES,
     CELL_LANES,
     HALT,
+    LASTING,
     MASS,
     MOMENTUM,
     NOT_NEGATIVE,
@@ -145,13 +146,13 @@ def _queue_low(
     return end
 
 
-def _search(place: int, first: int, lane: int, dt: Any, far: Any):
+def _search(place: int, first: int, lane: int, lasting: Any, far: Any):
     """What a thread knows of the block of cells that it searches."""
     search = Search()
     search.place = place
     search.first = first
     search.lane = lane
-    search.dt = dt
+    search.lasting = lasting
     search.far = far
     return search
 
@@ -176,11 +177,11 @@ def _keep_touching(
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
         size = particles.radius[p]
         normal, gap = _ground(_around(ground.tiles, search.place, c), c & 3, f, size, constants.h)
-        hit = in_contact(gap, real(0.0), search.dt, constants.band)
+        hit = in_contact(gap, real(0.0), search.lasting, constants.band)
         if not hit and gap + size <= search.far:  # most touch as they are, or are too far: their velocity is not read
             momentum = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p])
             approach = dot(momentum, normal) / particles.rec[MASS, p]
-            hit = in_contact(gap, approach, search.dt, constants.band)
+            hit = in_contact(gap, approach, search.lasting, constants.band)
     hits = hits_before(hit)
     if hit:
         contacts.pressed[search.first + found + hits[0]] = p
@@ -256,9 +257,10 @@ def find_contacts(
         limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
         first = int(blocks.cstart[b, 0])
-        far = _farthest(blocks, contacts, constants, b, lane, dt, scenes.clock[s, 4])
+        lasting = scenes.clock[s, LASTING]
+        far = _farthest(blocks, contacts, constants, b, lane, lasting, scenes.clock[s, 4])
         total = _number_listed(blocks, ground, constants, starts, places, limits, b, lane, place, far)
-        search = _search(place, first, lane, dt, far)
+        search = _search(place, first, lane, lasting, far)
         found = int(0)
         head = int(0)
         end = int(0)

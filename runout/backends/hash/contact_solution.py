@@ -28,11 +28,13 @@ from runout.backends.hash.groups import (
     StatusGroup,
 )
 from runout.backends.hash.layout import (
+    AFFINE,
     AREAS,
     BASES,
     CELL_LANES,
     DRAGS_COLUMN,
     HALT,
+    LIMITS_START,
     MASS,
     MOMENTUM,
     NOT_NEGATIVE,
@@ -43,6 +45,7 @@ from runout.backends.hash.layout import (
     PUSHES_UP,
     STAMPS,
     STARTS,
+    SUBSTEPPED,
     TILE,
     TOUCHED,
     ZONED,
@@ -64,6 +67,7 @@ from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
 from runout.physics.contact import column_drag, fastest_start, impulse, started_time, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
+from runout.physics.substeps import moved_gap
 from runout.physics.tensors import real, tens, vec
 
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
@@ -154,6 +158,16 @@ def _record_of_friction(
     return record
 
 
+def _way(rec: Rows, p: int):
+    """Way [m] of a particle since the start of the transfer, which a substep leaves in the place of the affine matrix."""
+    return vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
+
+
+def _velocity_in_place(rec: Rows, p: int):
+    """Velocity [m/s] of a particle at the start of a substep, likewise."""
+    return vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
+
+
 def _push(
     particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile, bases: Tile,
     near: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
@@ -167,12 +181,16 @@ def _push(
     area = real(0.0)
     if AREAS:
         area = _area(contacts, bases, c, f, n[2], constants.h)
+    if SUBSTEPPED:
+        gap = moved_gap(gap, n, _way(particles.rec, p))
     push = impulse(u, n, gap, compliance, basal, dt, given, area)
     drag = real(0.0)
     if DRAGS_COLUMN:
         drag = column_drag(push, u, n, area, dt, basal)
     m = particles.rec[MASS, p]
     before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
+    if SUBSTEPPED:
+        before = _velocity_in_place(particles.rec, p)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2]), drag
 
 
@@ -180,7 +198,7 @@ def _given(particles: ParticleGroup, p: int, stamp: Any, dt: Any, constants: Con
     """Impulse [N s] by the force of the step with this stamp; none if a particle did not touch the ground then or is too fast."""
     last = particles.forces[particles.number[p]]
     lasting = wp.where(last[0] == stamp, dt, real(0.0))
-    if AREAS:
+    if LIMITS_START:
         m = particles.rec[MASS, p]
         v = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
         h, gravity = constants.h, real(wp.length(constants.gravity))

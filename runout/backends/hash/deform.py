@@ -21,6 +21,7 @@ from runout.physics.bspline import weights
 from runout.physics.elastic import kirchhoff_stress
 from runout.physics.moments import affine_columns, moment_slope, stress_columns, velocity_gradient
 from runout.physics.plastic import step as law_update
+from runout.physics.substeps import force_columns, inverse_deformation, present_gradient, stress_at_start
 from runout.physics.tensors import real, sym, vec
 
 
@@ -32,6 +33,13 @@ def _slopes(dt: Any, h: Vector):
     return vec(moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2]))
 
 
+def _store_strain(rec: Rows, p: int, B: Any, history: Any):
+    """Write strain and history of a particle."""
+    for d in range(6):
+        rec[STRAIN + d, p] = B[d]
+    rec[HISTORY, p] = history
+
+
 def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: Any, history: Any):
     """Write the next record of a particle, except for its place."""
     for d in range(3):
@@ -39,9 +47,7 @@ def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: An
         rec[AFFINE + d, p] = affine[d] + packed[d]
         rec[AFFINE + 3 + d, p] = affine[3 + d] + packed[3 + d]
         rec[AFFINE + 6 + d, p] = affine[6 + d] + packed[6 + d]
-        rec[STRAIN + d, p] = B[d]
-        rec[STRAIN + 3 + d, p] = B[3 + d]
-    rec[HISTORY, p] = history
+    _store_strain(rec, p, B, history)
 
 
 def _moments(tile: Tile, first: int, stride_x: int, stride_y: int, wx: Any, wy: Any, wz: Any, ax: Any, ay: Any, az: Any):
@@ -82,12 +88,12 @@ def _lever(w: Any, f: Any):
     return vec(w[0] * d[0], w[1] * d[1], w[2] * d[2])
 
 
-def _gather(f: Any, tile: Tile, first: int):
+def _gather(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int):
     """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``."""
     wx = weights(f[0])
     wy = weights(f[1])
     wz = weights(f[2])
-    return _moments(tile, first, WIDE_X, WIDE_Y, wx, wy, wz, _lever(wx, f[0]), _lever(wy, f[1]), _lever(wz, f[2]))
+    return _moments(tile, first, stride_x, stride_y, wx, wy, wz, _lever(wx, f[0]), _lever(wy, f[1]), _lever(wz, f[2]))
 
 
 def _held(room: Tile, staged: int, n: int):
@@ -108,8 +114,46 @@ def _particle_of(room: Tile, staged: int):
 def _deform(rec: Rows, p: int, room: Tile, staged: int, tile: Tile, first: int, mat: Any, slopes: Any):
     """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J]."""
     m, volume, history, B, f = _particle_of(room, staged)
-    v, x, y, z = _gather(f, tile, first)
+    v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
     B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
     packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
     _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
     return f, v, work * volume
+
+
+def _deform_on_way(
+    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any
+):  # fmt: skip
+    """As :func:`_deform` at the end of several substeps; returns the way [m] before the last one too.
+
+    ``ways`` are those of the nodes, ``of_way`` the factors of their moments.
+    """
+    m, volume, history, B, f = _particle_of(room, staged)
+    v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
+    way, ux, uy, uz = _gather(f, ways, first, WIDE_X, WIDE_Y)
+    inverse = inverse_deformation(velocity_gradient(ux, uy, uz, of_way))
+    B, log, history, work = law_update(B, present_gradient(velocity_gradient(x, y, z, slopes), inverse), history, mat)
+    packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
+    _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
+    return f, v, way, work * volume
+
+
+def _strain_in_place(
+    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any, gone: int
+):  # fmt: skip
+    """Law of a particle that stays, in a further substep, from the nodes at ``first`` of tiles of 6 x 6 x 6.
+
+    XX"""
+    _m, volume, history, B, f = _particle_of(room, staged)
+    v, x, y, z = _gather(f, tile, first, 36, 6)
+    way = vec(real(0.0), real(0.0), real(0.0))
+    moved = velocity_gradient(way, way, way, of_way)
+    if gone != 0:
+        u, ux, uy, uz = _gather(f, ways, first, 36, 6)
+        way = u * real(1.0)
+        moved = velocity_gradient(ux, uy, uz, of_way)
+    rate = velocity_gradient(x, y, z, slopes)
+    B, log, history, work = law_update(B, present_gradient(rate, inverse_deformation(moved)), history, mat)
+    stress = stress_at_start(kirchhoff_stress(log, mat), inverse_deformation(moved + rate))
+    _store_strain(rec, p, B, history)
+    return f, v, way, force_columns(stress, volume, slopes), work * volume

@@ -113,7 +113,7 @@ def add_forces(
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_forces(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1], cells)
                 _add_cell(tile, c, acc)
-            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
+            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane, 0)
             if DRAGS_AT_ONCE:
                 _give_moving(columns, tile, bases, lane)
 

@@ -40,4 +40,4 @@ def average(parts: Parts) -> None:
             k.spread_dilatation, i.launched, CELL_LANES, status, particles, blocks, n.grid_group, scenes.group, scenes.constants
         )
         run(k.average_dilatation, i.capacity * 64, status, blocks, n.grid_group)
-    run(k.count_anew, i.capacity * 64, status, blocks)
+    run(k.close_step, i.capacity * 64, status, blocks, n.grid_group, n.ground_group, n.contact_group, scenes.group)

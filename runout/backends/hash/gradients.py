@@ -44,7 +44,6 @@ from runout.backends.hash.layout import (
 )
 from runout.backends.hash.stencil import (
     _add_cell,
-    _cell_entry,
     _first_node,
     _give_tile,
     _node,
@@ -127,7 +126,7 @@ def _load_given(seen: Tile, grid: Nodes, around: Table2, b: int, lane: int, keep
 def _with_slips(rec: Rows, p: int, f: Vector, seen: Tile, first: int, v: Vector, x: Vector, y: Vector, z: Vector, keeps: Any):
     """Velocity and first moments [m/s] with the part ``keeps`` of what the nodes had not seen of a particle's own."""
     m = rec[MASS, p]
-    u, ux, uy, uz = _gather(f, seen, first)
+    u, ux, uy, uz = _gather(f, seen, first, WIDE_X, WIDE_Y)
     c = affine_columns(real(1.0), ux, uy, uz)
     slip = slip_velocity(vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m), u)
     sx = slip_moment(vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p]), m, vec(c[0], c[1], c[2]))
@@ -152,7 +151,7 @@ def _deform_by_rates(
     """
     rec = particles.rec
     m, volume, history, B, f = _particle_of(room, staged)
-    v, x, y, z = _gather(f, tile, first)
+    v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
     L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, scenes.clock[s, BY_SLOPES])
     L = with_dilatation(L, _mean(f, tile, first), scenes.clock[s, AVERAGED])
     B, log, history, work = law_update(B, L, history, mat)
@@ -214,7 +213,7 @@ def spread_dilatation(
                 begins, ends = blocks.cstart[b, c], blocks.cstart[b, c + 1]
                 acc = _sum_dilatations(particles, velocities, first, begins, ends, cells, scenes.clock[s, BY_SLOPES])
                 _add_cell(tile, c, acc)
-            _give_tile(tile, grid.arenas, grid.dilated, bases, b, lane)
+            _give_tile(tile, grid.arenas, grid.dilated, bases, b, lane, 0)
 
 
 def average_dilatation(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):
@@ -232,10 +231,3 @@ def average_dilatation(status: StatusGroup, blocks: BlockGroup, grid: GridGroup)
         mean = s[1] / s[0]
     g = grid.nodes[t]
     grid.nodes[t] = node4(mean, g[1], g[2], g[3])
-
-
-def count_anew(status: StatusGroup, blocks: BlockGroup):
-    """The cells are counted anew from here on: nobody needs their lists any more in this step."""
-    t = wp.tid()
-    if status.flags[HALT] == 0 and (t >> 6) < status.tally[BLOCKS]:
-        blocks.ends[_cell_entry(t)] = 0

@@ -18,7 +18,7 @@ import warp as wp
 
 from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.groups import filled, groups_of
-from runout.backends.hash.layout import CELL_LANES, TILE, more_room_for, room_for
+from runout.backends.hash.layout import CELL_LANES, TILE, layers_of, more_room_for, room_for
 from runout.backends.hash.limits import largest_in_contact, room_within
 
 NEARLY = 0.8  # share of the room from which on arrays grow with others
@@ -70,17 +70,19 @@ class NodeArrays:
 
     def __init__(
         self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False,
-        structured: bool = False, dragged: int = 0,
+        structured: bool = False, dragged: int = 0, substepped: bool = False,
     ):  # fmt: skip
         capacity, particles, ordered = index.capacity, store.size, index.ordered
-        self.number, self.kept, self.averaged, self.generation, self.slots, self.places = number, kept, averaged, 0, -1, -1
+        self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
+        self.listed_later = averaged or substepped  # the lists of all particles are needed behind all contact
         self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
-        self.grid = wp.zeros(max((1 + kept) * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
+        layers, self.nothing = layers_of(kept, substepped, ordered), wp.zeros(0, dtype=wp.int32)
+        self.grid = wp.zeros(max(layers * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
         self.dilated = wp.zeros(capacity * 64 * (averaged and not ordered), dtype=self.vec4)
         self.arenas = wp.zeros(capacity * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(capacity * ordered, dtype=wp.int32)
-        apart = averaged or structured  # the lists of all particles are needed behind contact with the ground
+        apart = self.listed_later or structured  # they are needed behind contact with the ground
         lists = particles * apart, (capacity * apart, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)

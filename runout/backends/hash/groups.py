@@ -78,7 +78,7 @@ class KeyGroup:
 class GridGroup:
     """Arrays by node, and what is booked by block; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
 
-    nodes: Nodes  # (64 blocks,) mass [kg] and momentum [kg m/s], later velocity [m/s]; twice as many where particles keep slips
+    nodes: Nodes  # (64 blocks,) mass [kg] and momentum [kg m/s], later velocity [m/s]; behind them others, see NodeArrays.layers
     dilated: Nodes  # (64 blocks,) volume [m3] and volume times dilatation, for F-bar; else empty
     arenas: Nodes  # (216 blocks,) sums of each block over its tile, for sums in fixed order; else empty
     held: Ints  # (blocks,) particles of the block, for sums in fixed order; else empty
@@ -137,7 +137,7 @@ class StatusGroup:
 class SceneGroup:
     """Arrays by scene; owned by :class:`runout.backends.hash.scenes.SceneArrays`."""
 
-    clock: Rows  # (scenes, 8) time step [s], g dt (3) [m/s], reach of contact [m], and what the transfer does
+    clock: Rows  # (scenes, 10) time step [s], g dt (3) [m/s], reach of contact [m], and what the transfer does
     left: Ints  # (scenes,) steps that are left
     steps: Reals  # (scenes,) time step while steps are left [s]
     step_counts: Ints  # (scenes,) steps so far
@@ -216,7 +216,7 @@ class Search:
     place: Int  # of the block among those near the ground
     first: Int  # place of its first particle in the list
     lane: Int  # of this thread
-    dt: Real  # time step [s]
+    lasting: Real  # length of the transfer [s]
     far: Real  # distance beyond which no particle is in contact [m]
 
 

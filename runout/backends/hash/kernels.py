@@ -8,6 +8,7 @@ They are compiled in sets by what they depend on beside the number type, so that
     friction               law of friction of the ground, its zones, and order of sums
     structures             order of sums
     transfer, transfer.*   the same for transfers apic and aflip and for F-bar: what differs from the packed form
+    substeps.*             the same for transfers of several substeps: what differs from those of one
 """
 
 from collections.abc import Callable
@@ -40,6 +41,7 @@ from runout.backends.hash import (
     structure_distance,
     structure_entry,
     structure_solution,
+    substeps,
     unknown,
     zones,
 )
@@ -58,7 +60,7 @@ SUM_KERNELS = ("particles_to_grid", "find_contacts", "list_cells", "note_up", "s
 STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
 STRUCTURE_KERNELS = (*STRUCTURE_WARP_KERNELS, "note_beside", "require_beside", "carry_sums", "settle_impulses")
 LANES = {  # of a block; other kernels have PARTICLE_LANES
-    **dict.fromkeys(("particles_to_grid", "grid_to_particles", "add_forces", "spread_dilatation"), CELL_LANES),
+    **dict.fromkeys(("particles_to_grid", "grid_to_particles", "strain_in_place", "add_forces", "spread_dilatation"), CELL_LANES),
     **dict.fromkeys(("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks"), WARP),
     **dict.fromkeys(STRUCTURE_WARP_KERNELS, WARP),
 }
@@ -66,7 +68,7 @@ LANES = {  # of a block; other kernels have PARTICLE_LANES
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
     "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20), "sum_blocks": (PARTICLE_LANES, 6), "cut_tiles": (PARTICLE_LANES, 4),
-    "sum_gone": (PARTICLE_LANES, 8),
+    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (CELL_LANES, 6),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes
@@ -90,6 +92,8 @@ class Kind:
         Kernels with these numbers of lanes divide and take roots to the last bit but one: a fifth of the time of contact.
     gradient_transfer : bool
         The set is for a transfer other than the packed one, or for F-bar.
+    substepped : bool
+        The set is for transfers of several substeps.
     """
 
     sources: tuple[ModuleType, ...]
@@ -97,12 +101,22 @@ class Kind:
     blocks: dict[str, tuple[int, int]] = field(default_factory=dict)
     fast: tuple[int, ...] = (CELL_LANES, WARP)
     gradient_transfer: bool = False
+    substepped: bool = False
 
 
 def _transfer(*kernels: str) -> Kind:
     """A set of kernels of gradient transfers."""
     sources = stencil, zones, contact_area, column_drag, nodes, contact_solution, deform, gradients, forces, grid_to_particles
     return Kind(sources, kernels.__contains__, GRADIENT_BLOCKS, (), True)
+
+
+def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP)) -> Kind:
+    """A set of kernels of transfers of several substeps."""
+    sources = (
+        stencil, zones, contact_area, column_drag, nodes, contact_solution, contact_detection, structure_distance,
+        structure_detection, structure_solution, structure_entry, deform, grid_to_particles, substeps,
+    )  # fmt: skip
+    return Kind(sources, kernels.__contains__, FLOAT32_BLOCKS | STRUCTURE_BLOCKS, fast, substepped=True)
 
 
 KINDS = {
@@ -123,10 +137,14 @@ KINDS = {
         (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance, structure_detection,
         structure_solution, structure_entry), STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,),
     ),
-    "transfer": _transfer("note_given", "add_nodes", "count_anew"),
+    "transfer": _transfer("note_given", "add_nodes", "close_step"),
     "transfer.sums": _transfer("add_forces", "spread_dilatation", "average_dilatation"),
     "transfer.law": _transfer("grid_to_particles", "take_stresses"),
     "transfer.friction": _transfer("update_nodes"),
+    "substeps.sums": _substeps("resume_nodes", "close_step", "find_contacts"),
+    "substeps.law": _substeps("grid_to_particles", "strain_in_place"),
+    "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
+    "substeps.structures": _substeps("solve_structure_contacts", "find_entering", "stop_entering"),
 }  # fmt: skip
 
 
@@ -195,10 +213,12 @@ def _kernels_of(
     label = ".".join([NAME, kind, *(given.name for given in (law, friction) if given), precision]) + chosen
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
     names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
-    names |= {"GRADIENT_TRANSFER": what.gradient_transfer, "COUNTED_AT_ONCE": not what.gradient_transfer}
+    names |= {"GRADIENT_TRANSFER": what.gradient_transfer, "SUBSTEPPED": what.substepped}
+    two_layers = what.gradient_transfer or what.substepped
+    names |= {"TWO_LAYERS": two_layers, "COUNTED_AT_ONCE": not two_layers, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
-    needed = {"slow_nodes": drags, "slow_columns": drags and ordered}
+    needed = {"slow_nodes": drags, "slow_columns": drags and ordered, "find_contacts": area or not what.substepped}
 
     def module_of(name: str) -> Any:
         wanted = what.wanted(name) and needed.get(name, True)
@@ -214,12 +234,13 @@ def _kernels_of(
 @cache
 def compiled_kernels(
     law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False,
-    structured: bool = False,
+    structured: bool = False, substepped: bool = False,
 ) -> SimpleNamespace:  # fmt: skip
     """Kernels for laws of material and ``friction`` and a number type.
 
     ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``gradient_transfer``: a transfer other than
-    the packed one, or F-bar, ``structured``: contact with structures. ``modules`` are the warp modules.
+    the packed one, or F-bar, ``structured``: contact with structures, ``substepped``: transfers of several substeps, for which
+    ``later`` holds all kernels. ``modules`` are the warp modules.
     """
     real, drags = _number(precision), friction.drags_column
     of_sums = {"ordered": ordered, "area": friction.uses_area, "drags": drags}
@@ -234,6 +255,13 @@ def compiled_kernels(
     if structured:
         vars(kernels).update(_kernels_of("structures", precision, friction=FRICTION, ordered=ordered))
         kernels.structure_friction = law_record(FRICTION, real)
-    kernels.modules = tuple(dict.fromkeys(k.module for k in vars(kernels).values() if isinstance(k, wp.Kernel)))
+    if substepped:
+        later = _kernels_of("substeps.sums", precision, **of_sums) | _kernels_of("substeps.law", precision, law, ordered=ordered)
+        later |= _kernels_of("substeps.friction", precision, **of_friction)
+        if structured:
+            later |= _kernels_of("substeps.structures", precision, friction=FRICTION, ordered=ordered)
+        kernels.later = SimpleNamespace(**(vars(kernels) | later))
+    held = [*vars(kernels).values(), *vars(kernels.later).values()] if substepped else vars(kernels).values()
+    kernels.modules = tuple(dict.fromkeys(k.module for k in held if isinstance(k, wp.Kernel)))
     kernels.groups = groups_of(real)
     return kernels

@@ -4,6 +4,7 @@
     memory, stress              a row of 4 or 8 bytes by particle              536870911 particles, 268435455 in float64
     ends, pressed_start         65 by block                                    33038209 blocks
     nodes                       64 by block, 128 where aflip keeps slips       16777215 blocks
+    nodes                       192 by block where transfers have substeps     11184810 blocks
     arenas                      216 by block, where sums have a fixed order    9942053 blocks
     column_pushes, masses       36 by block, and by release with own friction  59652323 blocks, over releases
     shares                      256 by block of nodes in contact               8388607 such blocks
@@ -17,7 +18,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from runout.backends.hash.contact_area import PLAN
-from runout.backends.hash.layout import SLOT, STARTS, TILE
+from runout.backends.hash.layout import SLOT, STARTS, TILE, layers_of
 from runout.errors import CapacityError
 
 if TYPE_CHECKING:
@@ -33,14 +34,16 @@ def largest_particles(number: int) -> int:
     return LARGEST_INDEX // number
 
 
-def largest_blocks(ordered: bool, kept: bool = False, friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1) -> int:
+def largest_blocks(
+    ordered: bool, kept: bool = False, friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1, substepped: bool = False
+) -> int:  # fmt: skip
     """Most blocks of all scenes of a run.
 
     ``ordered``: sums have a fixed order. ``kept``: aflip keeps slips. ``mixed``: releases whose frictions differ, 1 if all are
-    alike; they count where the law of ``friction`` drags columns.
+    alike; they count where the law of ``friction`` drags columns. ``substepped``: transfers may have several substeps.
     """
     columns = PLAN * mixed * bool(friction and friction.drags_column)
-    return LARGEST_INDEX // max(STARTS, NODES * (1 + kept), TILE * ordered, columns)
+    return LARGEST_INDEX // max(STARTS, NODES * layers_of(kept, substepped, ordered), TILE * ordered, columns)
 
 
 def largest_in_contact() -> int:

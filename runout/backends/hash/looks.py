@@ -28,21 +28,24 @@ class Looks:
     Attributes
     ----------
     made : (scenes,) int
-        Steps that each scene has made.
+        Substeps that each scene has made.
+    substeps : (scenes,) int
+        Of its transfers in this series.
     """
 
     def __init__(self, scenes: int):
         self.bounds: list[Bounds | None] = [None] * scenes
         self.travelled = np.full(scenes, np.inf)  # [cells] at most, since then
         self.made = np.zeros(scenes, np.int64)
+        self.substeps = np.ones(scenes, np.int64)
         self.wanted: Mapping[int, Sequence[int]] = {}
         self.take: Take | None = None
         self.begun = self.made.copy()
         self.launched: list[LaunchedSums] = []
 
-    def begin(self, wanted: Mapping[int, Sequence[int]], take: Take | None) -> None:
-        """Open a series of steps; ``take`` gets scene, step and columns after the ``wanted`` steps of each scene, from 1 on."""
-        self.wanted, self.take, self.begun = wanted, take, self.made.copy()
+    def begin(self, wanted: Mapping[int, Sequence[int]], take: Take | None, substeps: np.ndarray) -> None:
+        """Open a series of transfers; ``take`` gets scene, transfer and columns after the ``wanted`` ones, from 1 on."""
+        self.wanted, self.take, self.begun, self.substeps = wanted, take, self.made.copy(), substeps
 
     def find_mass(self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray) -> None:
         """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew.
@@ -57,14 +60,15 @@ class Looks:
             self.travelled[s] += reach
 
     def launch(self, parts: Parts, accounts: Sequence[Account], step: int, left: np.ndarray) -> None:
-        """Launch the sums that are wanted after this ``step`` of a batch, before which ``left`` (scenes,) steps were."""
-        done, windows = self.made - self.begun, {}
+        """Launch the sums that are wanted after this transfer, ``step`` of a batch, before which ``left`` (scenes,) were."""
+        done, windows = (self.made - self.begun) // self.substeps, {}
         for s, steps in self.wanted.items():
             bounds = self.bounds[s]
             if left[s] >= step and done[s] + step in steps and bounds is not None:
                 windows[s] = footprints.Lattice.around(parts.scenes.scenes[s], *bounds)
         if windows:
-            self.launched.append(LaunchedSums(parts, accounts, windows, {s: int(self.made[s]) + step for s in windows}))
+            made = {s: int(self.made[s] + step * self.substeps[s]) for s in windows}
+            self.launched.append(LaunchedSums(parts, accounts, windows, made))
 
     def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
         """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""
@@ -72,5 +76,5 @@ class Looks:
             for s, (step, found) in sums.arrived().items():
                 if step == sums.expected[s] and self.take:
                     columns = columns_from(parts.scenes.scenes[s], accounts[s], sums.covered[s], found)
-                    self.take(s, int(step - self.begun[s]), columns)
+                    self.take(s, int(step - self.begun[s]) // int(self.substeps[s]), columns)
         self.launched = []

@@ -24,13 +24,13 @@ from runout.backends.hash.layout import (
     CURSOR,
     DRAGS_AT_ONCE,
     DRAGS_COLUMN,
-    GRADIENT_TRANSFER,
     HALT,
     NEXT,
     ORDERED,
     PUSHES,
     PUSHES_UP,
     SLOT,
+    SUBSTEPPED,
     Frictions,
     Ints,
     node4,
@@ -80,6 +80,46 @@ def slow_nodes(
     put_node(grid.nodes, t, node4(g[0], g[1] + g[0] * dv[0], g[2] + g[0] * dv[1], g[3] + g[0] * dv[2]))
 
 
+def _close_scene(status: StatusGroup, scenes: SceneGroup, t: int):
+    """A step less is left of scene ``t``, and the counts that the next blocks need start from zero.
+
+    What opened the step has read them.
+    """
+    if t < scenes.left.shape[0]:
+        scenes.left[t] = wp.max(scenes.left[t] - 1, 0)
+        if t == 0:
+            status.tally[CURSOR] = 0
+            status.tally[NEXT] = 0
+
+
+def close_step(
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup
+):
+    """Nobody needs the lists of the cells any more in this step: their counts start from zero.
+
+    After several substeps the fastest nodes towards the ground are noted only here, since each substep searches as the first did.
+    """
+    t = wp.tid()
+    b = t >> 6
+    if status.flags[HALT] != 0:
+        return
+    _close_scene(status, scenes, t)
+    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if t < scenes.left.shape[0]:
+            scenes.clock[t, 0] = wp.abs(scenes.clock[t, 0])  # a scene with fewer substeps has waited
+    if b >= status.tally[BLOCKS]:
+        return
+    blocks.ends[_cell_entry(t)] = 0
+    if SUBSTEPPED:
+        g = node_at(grid.nodes, t)
+        slopes = ground.slopes[b]
+        if scenes.clock[blocks.member[b], 0] != real(0.0):
+            v = vec(real(0.0), real(0.0), real(0.0))
+            if g[0] > real(0.0):
+                v = vec(g[1], g[2], g[3])
+            note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
+
+
 def update_nodes(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
     constants: Constants, friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, slowing: int,
@@ -88,10 +128,8 @@ def update_nodes(
 
     If ``slowing``, also after drag on the columns of nodes.
 
-    The counts that the next blocks need start from zero here, and a step less is left: what opened the step has read them.
-
-    That bounds particles of the packed form only: those that keep a part of their own velocity may be faster than every node. The
-    counts of the cells are set to zero here, unless F-bar still needs the lists.
+    That bounds particles of the packed form only: those that keep a part of their own velocity may be faster than every node.
+    ``close_step`` does what is left to do where something behind this launch still needs the lists of the cells.
     """
     t = wp.tid()
     b = t >> 6
@@ -101,15 +139,15 @@ def update_nodes(
     slopes = ground.slopes[b]
     if status.flags[HALT] != 0:
         return
-    if t < scenes.left.shape[0]:
-        scenes.left[t] = wp.max(scenes.left[t] - 1, 0)
-        if t == 0:
-            status.tally[CURSOR] = 0
-            status.tally[NEXT] = 0
+    if COUNTED_AT_ONCE:
+        _close_scene(status, scenes, t)
     if b >= status.tally[BLOCKS]:
         return
     if COUNTED_AT_ONCE:
         blocks.ends[_cell_entry(t)] = 0
+    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if scenes.clock[s, 0] <= real(0.0):
+            return
     v = vec(real(0.0), real(0.0), real(0.0))
     dv = vec(real(0.0), real(0.0), real(0.0))
     if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
@@ -123,5 +161,5 @@ def update_nodes(
         if DRAGS_COLUMN:
             v += dv
         put_node(grid.nodes, t, node4(g[0], v[0], v[1], v[2]))
-    if not GRADIENT_TRANSFER and scenes.clock[s, 0] > real(0.0):
+    if COUNTED_AT_ONCE and scenes.clock[s, 0] > real(0.0):
         note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))

@@ -33,6 +33,7 @@ from runout.backends.hash.layout import (
     DRAGS_AT_ONCE,
     HALT,
     HALVES,
+    LASTING,
     MASS,
     MOMENTUM,
     NEXT,
@@ -110,7 +111,7 @@ def _open_step(status: StatusGroup, scenes: SceneGroup, constants: Constants, s:
     if scenes.left[s] > 0:
         scenes.step_counts[s] = scenes.step_counts[s] + 1
         scenes.clock[s, 0] = scenes.steps[s]
-        scenes.clock[s, 4] = reach(constants.largest, wp.sqrt(status.peaks[s]), scenes.steps[s], constants.band)
+        scenes.clock[s, 4] = reach(constants.largest, wp.sqrt(status.peaks[s]), scenes.clock[s, LASTING], constants.band)
         status.peaks[s] = real(0.0)
         status.contacts[s] = 0
 
@@ -143,7 +144,7 @@ def particles_to_grid(
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
                 _add_cell(tile, c, acc)
-            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
+            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane, 0)
             if DRAGS_AT_ONCE:
                 _give_moving(columns, tile, bases, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

@@ -1,7 +1,7 @@
 """Arrays by scene, the numbers that all scenes share, and their time steps.
 
-    clock    scene 0: [dt | g dt x, y, z | reach of contact | slips kept | dilatation averaged | gradients of the weights]
-             scene 1: [ ...
+    clock    scene 0: [dt | g dt x, y, z | reach of contact | slips kept | dilatation averaged | gradients of the weights | length
+             of a transfer | its substeps], scene 1: [ ...
     shift    scenes lie one behind the other to the north in the index; each starts at its own node, 0, 4 rows, 8 rows, ...
     density  release 0 of scene 0, release 1 of scene 0, ..., release 0 of scene 1, ...
 
@@ -19,7 +19,7 @@ import warp as wp
 from runout.backends.hash import limits
 from runout.backends.hash.block_numbers import GAP
 from runout.backends.hash.groups import filled
-from runout.backends.hash.layout import CLOCK, KEPT
+from runout.backends.hash.layout import CLOCK, KEPT, LASTING, SUBSTEPS
 from runout.backends.hash.unknown import UnknownCells
 from runout.backends.hash.validation import LARGEST_BLOCK, extent
 from runout.backends.hash.zones import Zones
@@ -37,6 +37,8 @@ class SceneArrays:
         Of real numbers.
     rows : int
         Blocks from south to north that a scene has in the index.
+    substeps : (scenes,) int
+        Of a transfer.
     shifts, first_release : (scenes,), (scenes + 1,) int
         Nodes from the origin of the index north to each scene; number of its first release among those of all scenes.
     table, materials : (releases,) records
@@ -64,7 +66,7 @@ class SceneArrays:
         self.rows = 2**20 if many == 1 else int(extents[:, 1].max()) // 4 + 1 + GAP
         if many > 1 and many * self.rows >= LARGEST_BLOCK:
             raise CapacityError(f"{many} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
-        self.shifts = 4 * self.rows * np.arange(many)
+        self.shifts, self.substeps = 4 * self.rows * np.arange(many), np.ones(many, np.int64)
         zones = Zones(scenes, kernels.friction_record)
         self.friction = zones.friction
         self.releases = wp.array(self.first_release[:-1].astype(np.int32), dtype=wp.int32)
@@ -84,17 +86,25 @@ class SceneArrays:
             kernels.groups.Constants, self, h=h, band=band, largest=0.0, gravity=wp.vec3d(*first.gravity), only=-1
         )
 
+    @property
+    def substepped(self) -> bool:
+        """Whether transfers may have several substeps."""
+        return any(scene.substeps > 1 for scene in self.scenes)
+
     def largest_blocks(self, ordered: bool) -> int:
         """Blocks that a run can address; ``ordered``: sums have a fixed order."""
-        return limits.largest_blocks(ordered, any(s.keeps for s in self.scenes), self.scenes[0].basal.law, self.mixed)
+        kept = any(s.keeps for s in self.scenes)
+        return limits.largest_blocks(ordered, kept, self.scenes[0].basal.law, self.mixed, self.substepped)
 
-    def set_steps(self, now: np.ndarray) -> None:
-        """Time steps [s] of the scenes to the device, and what depends on them."""
+    def set_steps(self, now: np.ndarray, substeps: np.ndarray | None = None) -> None:
+        """Time steps [s] of the scenes and the ``substeps`` of their transfers (1) to the device, and what depends on them."""
         first, clock = self.scenes[0], np.zeros((len(now), CLOCK))
+        self.substeps = np.ones(len(now), np.int64) if substeps is None else substeps
         self.group.steps.assign(now.astype(first.dtype))
         self.group.packed.assign((now * first.packed).astype(first.dtype))
         clock[:, 1:4] = now[:, None] * np.array(first.gravity)
-        clock[:, KEPT:CLOCK] = choices(self.scenes)
+        clock[:, KEPT:LASTING] = choices(self.scenes)
+        clock[:, LASTING], clock[:, SUBSTEPS] = now * self.substeps, self.substeps
         self.group.clock.assign(clock.astype(first.dtype))
         if first.law.depends_on_rate:
             for step, begin, end in zip(now, self.first_release[:-1], self.first_release[1:], strict=True):

@@ -13,6 +13,7 @@ import warp as wp
 SLOT_NUMBERS, ROOM = 12, 2 * 12 * 64  # numbers of a slot; of the room
 
 ADD_IN = "tile.data(wp::tile_coord(i)) += value;"
+PUT_IN = ADD_IN.replace("+=", "=")
 MEET = "WP_TILE_SYNC();"
 MEET_WARP = """
 #if defined(__CUDA_ARCH__)
@@ -65,6 +66,11 @@ def add_in(tile: Any, i: int, value: Any):  # type: ignore[no-untyped-def]
     """Add to a number of a tile that no other lane changes at the same time; no lane waits."""
 
 
+@wp.func_native(PUT_IN)
+def put_in(tile: Any, i: int, value: Any):  # type: ignore[no-untyped-def]
+    """Put another number in the place of one of a tile; no lane waits."""
+
+
 @wp.func_native(MEET)
 def meet():  # type: ignore[no-untyped-def]
     """The lanes of a block wait for each other; on a CPU lanes take turns."""
@@ -95,4 +101,4 @@ def come():  # type: ignore[no-untyped-def]
     """A lane waits until its own copies have come."""
 
 
-PLAIN = (add_in, meet, meet_warp, arrive, come, stage, stage_node)
+PLAIN = (add_in, put_in, meet, meet_warp, arrive, come, stage, stage_node)

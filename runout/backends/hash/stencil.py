@@ -105,8 +105,11 @@ def _add_cell(halves: Tile, c: int, acc: Any):
                 meet_warp()
 
 
-def _give_tile(halves: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int):
-    """Sums at the nodes of the tiles of both halves to the nodes of the grid; in fixed order, only to the arena of the block."""
+def _give_tile(halves: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int, behind: int):
+    """Sums at the nodes of the tiles of both halves to numbers of the grid, which lie ``behind`` the nodes by so many places.
+
+    In fixed order, only to the arena of the block.
+    """
     meet()
     for t in range(lane, TILE, lane_count()):
         g = node4()
@@ -117,7 +120,7 @@ def _give_tile(halves: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, l
         if ORDERED:
             arenas[b * TILE + t] = g
         elif g[0] != real(0.0) or g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
-            add_node(nodes, _node(bases, t), g)
+            add_node(nodes, _node(bases, t) + behind, g)
 
 
 def _arms(f: Any):
@@ -236,15 +239,15 @@ def _node_of(o: int, n: int):
     return wp.where(o < 0, -1, o * 64 + n)
 
 
-def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Begin to copy the 8 x 8 x 8 nodes that particles up to one cell outside of a block reach.
+def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int, layer: int):
+    """Begin to copy the numbers of a ``layer`` of the 8 x 8 x 8 nodes that particles up to one cell outside of a block reach.
 
     A lane takes eight from west to east, in a loop whose length the compiler does not know: it would keep places of the tile in
     registers, and others out of them.
     """
     for t in range(lane, WIDE_PLAN, wp.block_dim()):
         q = (((t >> 3) + 3) >> 2) * 3 + (((t & 7) + 3) >> 2)
-        n = ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)
+        n = ((((t >> 3) + 3) & 3) << 2 | ((t + 3) & 3)) + 64 * layer * around.shape[0]
         west = int(around[b, q])
         own = int(around[b, q + 9])
         east = int(around[b, q + 18])

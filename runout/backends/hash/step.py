@@ -1,6 +1,10 @@
-"""One step: its launches in their order.
+"""One transfer: its launches in their order.
 
     particles to grid -> contact detection -> contact solution -> nodes -> grid to particles -> lists by cell
+
+Behind the nodes come further substeps, if there are any; the kernels that differ there are those of ``parts.k.later``:
+
+    strain in place -> contact detection -> contact solution -> nodes
 
 Every launch reads on the device how much there is to do, so the host does not wait.
 """
@@ -13,15 +17,22 @@ from runout.backends.hash import gradient_transfer
 from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
+from runout.backends.hash.substeps import FIRST
 
 
-def enqueue(parts: Parts) -> None:
-    """Launches of one step."""
+def enqueue(parts: Parts, substeps: int = 1) -> None:
+    """Launches of a transfer of at most so many ``substeps``."""
     particles_to_grid(parts)
     gradient_transfer.push(parts)
-    move_nodes(parts)
+    later = parts.k.later if substeps > 1 else parts.k
+    move_nodes(parts, parts.k, later)
+    for turn in range(FIRST, substeps + 1):
+        strain_in_place(parts, turn)
+        move_nodes(parts, later, later)
+    if substeps > 1:
+        close_step(parts, later)
     gradient_transfer.average(parts)
-    grid_to_particles(parts)
+    grid_to_particles(parts, later)
     parts.scenes.unknown.let_escape(parts)
     list_cells(parts)
 
@@ -34,15 +45,35 @@ def particles_to_grid(parts: Parts) -> None:
     if parts.ordered:
         run(k.note_held, i.capacity, i.block_group, n.grid_group)
         run(k.sum_nodes, i.capacity * 64, status, i.block_group, n.grid_group)
+    if parts.ground is not None and parts.drags_column and parts.scenes.mixed > 1:
+        weigh_releases(parts)
 
 
-def move_nodes(parts: Parts) -> None:
-    """Velocities of the nodes, after the impulses of the ground."""
-    i, k, n = parts.index, parts.k, parts.nodes
+def strain_in_place(parts: Parts, turn: int) -> None:
+    """Law of the particles and momentum of the nodes in substep number ``turn``; without impulses of the ground."""
+    i, k, n, scenes, status = parts.index, parts.k.later, parts.nodes, parts.scenes, parts.status.group
+    beside = parts.structures.grounded if parts.structures else n.nothing
+    groups = parts.store.group, i.block_group, n.grid_group, n.contact_group, scenes.group
+    more = scenes.constants, scenes.materials, beside, turn, i.launched
+    run_each(k.strain_in_place, i.launched + 1, CELL_LANES, status, *groups, *more)
+    arrays = status, i.block_group, n.grid_group, n.ground_group, n.contact_group
+    run(k.resume_nodes, i.capacity * 64, *arrays, scenes.group, turn)
+    if parts.ground is not None and parts.uses_area and not parts.ordered:
+        run(k.sum_columns, i.capacity * COLUMNS, *arrays, n.column_group)
+
+
+def close_step(parts: Parts, k: Any) -> None:
+    """The cells are counted anew from here on."""
+    i, n = parts.index, parts.nodes
+    groups = i.block_group, n.grid_group, n.ground_group, n.contact_group
+    run(k.close_step, i.capacity * 64, parts.status.group, *groups, parts.scenes.group)
+
+
+def move_nodes(parts: Parts, k: Any = None, last: Any = None) -> None:
+    """Velocities of the nodes, after the impulses of the ground, by the kernels ``k``; those of the ``last`` launch may differ."""
+    i, n, k = parts.index, parts.nodes, k or parts.k
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
-        if parts.drags_column and parts.scenes.mixed > 1:
-            weigh_releases(parts)
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
         solution = *arguments, parts.scenes.friction
         for round_, (kernel, inputs) in enumerate(((k.find_contacts, arguments), (k.solve_contacts, solution))):
@@ -53,8 +84,8 @@ def move_nodes(parts: Parts) -> None:
                 run(k.sum_columns, i.capacity * COLUMNS, status, blocks, *groups, n.column_group)
         if parts.ordered and parts.drags_column:
             run_each(k.slow_columns, i.capacity, WARP, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
-    slowing = not touch_structures(parts) and parts.ground is not None
-    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), int(slowing))
+    slowing = not touch_structures(parts, k) and parts.ground is not None
+    run((last or k).update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), int(slowing))
 
 
 def weigh_releases(parts: Parts) -> None:
@@ -70,12 +101,12 @@ def drag_of(parts: Parts) -> tuple[Any, ...]:
     return scenes.group, scenes.constants, scenes.friction, n.column_group, scenes.releases, scenes.mixed
 
 
-def touch_structures(parts: Parts) -> bool:
+def touch_structures(parts: Parts, k: Any) -> bool:
     """Impulses of the structures on the nodes, which take those of the ground first; nothing where no mass is beside one.
 
     Returns whether the nodes have taken the drag on their columns too.
     """
-    i, k, n, s, status = parts.index, parts.k, parts.nodes, parts.structures, parts.status.group
+    i, n, s, status = parts.index, parts.nodes, parts.structures, parts.status.group
     if s is None or not s.slots:
         return False
     blocks, ground, settled = i.block_group, (n.ground_group, n.contact_group), (s.ground_group, s.contact_group)
@@ -97,13 +128,12 @@ def touch_structures(parts: Parts) -> bool:
     return slowing
 
 
-def grid_to_particles(parts: Parts) -> None:
+def grid_to_particles(parts: Parts, k: Any = None) -> None:
     """Velocities to the particles, the law, and motion."""
     i, scenes = parts.index, parts.scenes
-    run_blocks(
-        parts.k.grid_to_particles, i.launched + i.more_pieces, CELL_LANES, parts.status.group, parts.store.group, i.block_group,
-        parts.nodes.grid_group, scenes.group, scenes.constants, scenes.materials,
-    )  # fmt: skip
+    groups = parts.status.group, parts.store.group, i.block_group, parts.nodes.grid_group, scenes.group
+    kernel, pieces = (k or parts.k).grid_to_particles, i.launched + i.more_pieces
+    run_blocks(kernel, pieces, CELL_LANES, *groups, scenes.constants, scenes.materials)
 
 
 def list_cells(parts: Parts) -> None:

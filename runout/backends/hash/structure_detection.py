@@ -34,6 +34,7 @@ from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
     HALT,
+    LASTING,
     MASS,
     MOMENTUM,
     NOT_NEGATIVE,
@@ -93,7 +94,7 @@ def settle_impulses(
 def _touches(
     particles: ParticleGroup, constants: Constants, structures: StructureGroup, s: int, cell: wp.vec3i, p: int, dt: Any
 ):  # fmt: skip
-    """Whether a particle touches a structure within the step."""
+    """Whether a particle touches a structure within ``dt`` [s]."""
     rec = particles.rec
     v = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]) / rec[MASS, p]
     far = reach(particles.radius[p], wp.sqrt(dot(v, v)), dt, constants.band)
@@ -163,7 +164,8 @@ def find_structure_contacts(
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
         counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
         first = int(blocks.cstart[b, 0])
-        found = _list_touching(particles, blocks, contacts, scenes, constants, structures, starts, counts, s, b, lane, dt)
+        lasting = scenes.clock[s, LASTING]
+        found = _list_touching(particles, blocks, contacts, scenes, constants, structures, starts, counts, s, b, lane, lasting)
         if found > 0:
             filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
             many = _number(starts, filled, counts, lane)

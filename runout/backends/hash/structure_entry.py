@@ -23,6 +23,8 @@ from runout.backends.hash.contact_solution import (
     _number_pressed,
     _put,
     _spread,
+    _velocity_in_place,
+    _way,
 )
 from runout.backends.hash.groups import (
     BlockGroup,
@@ -45,6 +47,7 @@ from runout.backends.hash.layout import (
     ORDERED,
     PIECE,
     STARTS,
+    SUBSTEPPED,
     TILE,
     Tile,
     Vector,
@@ -70,6 +73,7 @@ from runout.backends.hash.structure_solution import _book_impulse, _book_work
 from runout.physics.bspline import weights
 from runout.physics.contact import work
 from runout.physics.structures import entry_velocity, stopping_impulse
+from runout.physics.substeps import moved_gap
 from runout.physics.tensors import dot, real, vec
 
 NO_STEP = -1.0  # stamp of no step: no impulse is given from before
@@ -92,6 +96,8 @@ def _would_enter(
     f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
     u, _compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, apart, _patch = _surface(structures, s, cell, f, real(wp.inf))
+    if SUBSTEPPED:
+        apart = moved_gap(apart, n, _way(particles.rec, p))
     return dot(u, n) < entry_velocity(apart, dt, constants.band)
 
 
@@ -168,10 +174,14 @@ def _stop(
     """Work [J] and impulse [N s] that stop a particle before it enters."""
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, apart, patch = _surface(structures, s, cell, f, real(wp.inf))
+    if SUBSTEPPED:
+        apart = moved_gap(apart, n, _way(particles.rec, p))
     size = stopping_impulse(dot(u, n), entry_velocity(apart, dt, constants.band), compliance)
     push = vec(size * n[0], size * n[1], size * n[2])
     _book_impulse(structures, s, patch, push)
     v = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p]) / particles.rec[MASS, p]
+    if SUBSTEPPED:
+        v = _velocity_in_place(particles.rec, p)
     return node4(work(push, vec(real(0.0), real(0.0), real(0.0)), v, u, compliance), push[0], push[1], push[2])
 
 

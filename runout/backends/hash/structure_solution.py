@@ -22,6 +22,8 @@ from runout.backends.hash.contact_solution import (
     _number_pressed,
     _put,
     _spread,
+    _velocity_in_place,
+    _way,
 )
 from runout.backends.hash.groups import (
     BlockGroup,
@@ -45,6 +47,7 @@ from runout.backends.hash.layout import (
     PIECE,
     STAMPS,
     STARTS,
+    SUBSTEPPED,
     TILE,
     Frictions,
     Tile,
@@ -60,6 +63,7 @@ from runout.backends.hash.structure_distance import FIRST_SUM, _cell, _surface
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, work
 from runout.physics.structures import contact_gap
+from runout.physics.substeps import moved_gap
 from runout.physics.tensors import i64, real, vec
 
 CARRIED, PARTED = 40, 2.0**40  # so many bits, and units, of a lower sum make one unit of the upper
@@ -104,9 +108,13 @@ def _push_off(
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, apart, patch = _surface(structures, s, cell, f, real(wp.inf))
     basal = friction[structures.first_friction[int(particles.release[p])] + patch]
+    if SUBSTEPPED:
+        apart = moved_gap(apart, n, _way(particles.rec, p))
     push = impulse(u, n, contact_gap(apart, particles.radius[p]), compliance, basal, dt, given, real(0.0))
     _book_impulse(structures, s, patch, push)
     v = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p]) / particles.rec[MASS, p]
+    if SUBSTEPPED:
+        v = _velocity_in_place(particles.rec, p)
     return node4(work(push, given, v, u, compliance), push[0], push[1], push[2])
 
 

@@ -103,7 +103,7 @@ class Structures:
         self.vec4 = nodes.vec4
         self.near, self.grounded = (wp.full(capacity, -1, dtype=wp.int32) for _ in range(2))
         self.touching = wp.zeros(capacity, dtype=wp.int32)
-        apart = nodes.averaged  # the lists of all particles are needed behind contact
+        apart = nodes.listed_later
         lists = store.size * apart, (capacity * apart, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)

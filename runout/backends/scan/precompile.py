@@ -18,8 +18,8 @@ from types import ModuleType
 
 from runout.backends.compile import cache_root, source_key
 from runout.backends.scan.gradient_transfer import uses_gradient_transfer
-from runout.lifetime import import_path, interrupts_kept, python_command
 from runout.model.scene import Scene
+from runout.processes.lifetime import import_path, interrupts_kept, python_command
 
 LOGGER = logging.getLogger(__name__)
 IN_THIS_PROCESS = "kernels are compiled where they run; the last bits of the results may differ from those of later runs"

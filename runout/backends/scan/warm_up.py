@@ -19,7 +19,6 @@ from runout.backends.scan.backend import PARTS, ScanBackend
 from runout.backends.scan.deferred_code import make_code_when_called
 from runout.backends.scan.precompile import WARM_UP
 from runout.backends.scan.shared_parts import complete, share
-from runout.lifetime import end_with_parent
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
@@ -29,6 +28,7 @@ from runout.model.scene import Raster, Scene
 from runout.model.structures import Patches, StructureField
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
+from runout.processes.lifetime import end_with_parent
 from runout.release.sample import Sampling
 
 CELLS = 16  # of the small raster on which kernels are tried

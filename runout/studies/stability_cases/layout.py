@@ -5,16 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runout.accuracy import CFL
 from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
+from runout.model.limits import CFL
 from runout.model.materials import Material
 from runout.model.numerics import Numerics
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
-from runout.scenario import build_scene
+from runout.simulation.scenario import build_scene
 
 CELLS = 40  # of the terrain, an axis
 FIRST, WIDTH = 8, 8  # cells of the release, counted from the west

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from runout.model.terrain import Terrain
-from runout.result import Result
 from runout.scores import Grid, slope_normal_thickness, values_at
+from runout.simulation.result import Result
 
 LIFTED = 5.0  # height over the ground [m] from which mass counts as in flight
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from runout.materials.drucker_prager import DruckerPrager
 from runout.model.scene import STANDARD_GRAVITY
-from runout.result import Result
 from runout.scores import Grid, values_at
+from runout.simulation.result import Result
 
 WIDTH, OUTER = 10.0, 0.1  # width of columns [m]; share of the particles that counts as the rim
 EARLY = 5.0  # [s], before the slab has left its place

@@ -8,8 +8,8 @@ import numpy as np
 
 from runout.materials.drucker_prager import DruckerPrager
 from runout.model.scene import STANDARD_GRAVITY
-from runout.result import Result
 from runout.scores import Grid, slope_normal_thickness, values_at
+from runout.simulation.result import Result
 from runout.studies.validation_cases.iseesnow import Inputs, Variant, read
 from runout.studies.validation_cases.iseesnow_rim import layer_pressure
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.accuracy import CFL
 from runout.materials.elastic import Elastic
+from runout.model.limits import CFL
 from runout.model.particles import Particles
 from runout.studies.verification_cases.bodies import filled, free_scene, loaded
 from runout.studies.verification_cases.finding import Bound, Case, Convergence, Result

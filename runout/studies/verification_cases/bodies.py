@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from runout.accuracy import CFL
 from runout.backends.protocol import Backend, get_backend
+from runout.model.limits import CFL
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.accuracy import PARTICLES_PER_CELL
 from runout.backends.protocol import get_backend
+from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.release.sample import particles_per_axis

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from runout.accuracy import choices
+from runout.forecast.accuracy import choices
 from runout.release.arrangement import particles_for
-from runout.result import Result
-from runout.simulation import simulate
+from runout.simulation.result import Result
+from runout.simulation.single import simulate
 from runout.studies.convergence import quantities
 from runout.studies.map_distance import relative_l1
 from runout.studies.verification_cases import column_collapse, flow, spreading_cap

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from runout.backends.protocol import get_backend
-from runout.memory import Extent, expected_memory
+from runout.forecast.memory import Extent, expected_memory
 from runout.model.numerics import Numerics, Scheme
-from runout.run import Run, RunControl
-from runout.scenario import build_scene
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
 from runout.studies.timing import memory_of
 from tests.benchmarks.seed_cases import synthetic_site as site
 from tests.benchmarks.seed_cases.blocks import NODES, BlockCount, count_blocks
@@ -39,7 +39,7 @@ class Watch:
 
 
 def forecasts() -> list[dict[str, Any]]:
-    """One row a cell size of a GPU: the forecast of :mod:`runout.memory` for the start of the run, which needs no GPU.
+    """One row a cell size of a GPU: the forecast of :mod:`runout.forecast.memory` for the start of the run, which needs no GPU.
 
     ``cell`` [m], ``particles``, ``nodes`` of all blocks, ``device_bytes`` and ``host_bytes``.
     """
@@ -63,7 +63,7 @@ def _forecast(cell: float) -> dict[str, Any]:
 
 
 def on_card() -> Any:
-    """What :func:`runout.memory.expected_memory` asks of a backend on a GPU."""
+    """What :func:`runout.forecast.memory.expected_memory` asks of a backend on a GPU."""
     return SimpleNamespace(device=SimpleNamespace(is_cuda=True))
 
 

@@ -1,0 +1,1 @@
+"""What is known of a run before it starts: its grid and numerical error, its stiffness, its memory, its time."""

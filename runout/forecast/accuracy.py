@@ -1,0 +1,158 @@
+"""Presets of accuracy: cell size and Courant number of each, and the numerical errors of grids.
+
+The errors come from :data:`SOURCE`; a test compares both.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from runout.errors import ConfigError
+from runout.model.limits import CFL
+
+if TYPE_CHECKING:
+    from runout.model.release import Release
+
+SOURCE = "tests/benchmarks/records/error_bars.json"
+EXAMPLE = "five sites"  # whose error bars were measured
+MAP_ERROR, RUNOUT_ERROR = 0.19, 0.13  # of a grid with one cell through the mean thickness
+FEWEST_MEASURED = 0.7  # cells through the mean thickness for which this holds
+BOUNDS = "Error bars hold 9 of 10 cases. They hold the error of the grid only, not that of friction, release, law or elevation."
+EXPECTED = (
+    f"Expected errors are medians of the error bars of {EXAMPLE}; `runout verify SITE --convergence` measures those of this site."
+)
+FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
+CHOICES = ("cell_size", "cfl")  # settings of a preset
+
+CellSize = float | tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """One level of accuracy.
+
+    Attributes
+    ----------
+    cells : float
+        Cells through the mean thickness of the release.
+    cfl : float
+    """
+
+    cells: float
+    cfl: float
+
+    def cell_size(self, thickness: float, area: float) -> float:
+        """Spacing [m] for a release of mean ``thickness`` [m] whose smallest part covers ``area`` [m2], rounded down."""
+        size = min(thickness / self.cells, math.sqrt(area) / FEWEST_ACROSS)
+        step = 10.0 ** (math.floor(math.log10(size)) - 1)
+        return round(math.floor(size / step + 1e-9) * step, 9)
+
+
+PRESETS: dict[str, Preset] = {
+    "screening": Preset(1.0, 0.6),
+    "standard": Preset(1.5, 0.6),
+    "high": Preset(3.0, 0.6),
+}
+
+
+def preset(accuracy: str) -> Preset:
+    """Preset with this name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    if accuracy not in PRESETS:
+        raise ConfigError(f"accuracy is {accuracy!r}; choose one of {', '.join(PRESETS)}")
+    return PRESETS[accuracy]
+
+
+def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[str, Any]) -> dict[str, Any]:
+    """cell_size and cfl of a run: values of ``given`` that are not None, else those of the preset, else the defaults.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such preset; if neither cell_size nor accuracy is given; or if nothing is left for accuracy to choose.
+    """
+    stated = {name: given[name] for name in CHOICES if given.get(name) is not None}
+    if accuracy is None:
+        if "cell_size" not in stated:
+            raise ConfigError("neither cell_size nor accuracy is given; give one of them, accuracy as screening, standard or high")
+        return {"cfl": CFL, **stated}
+    chosen = preset(accuracy)
+    if len(stated) == len(CHOICES):
+        raise ConfigError(f"accuracy is {accuracy!r}, and {' and '.join(CHOICES)} are both given too; remove one of the three")
+    if not releases:
+        return {"cfl": chosen.cfl, **stated}  # the run reports the error
+    volume, area = sum(r.volume for r in releases), sum(r.area for r in releases)
+    size = chosen.cell_size(volume / area, min(r.area for r in releases))
+    return {"cell_size": size, "cfl": chosen.cfl, **stated}
+
+
+def expected_errors(cells: float) -> tuple[float, float]:
+    """Expected error bars of the map of flow thickness and of the run-out [1] with so many cells through the mean thickness.
+
+    The medians of the error bars that :mod:`~runout.forecast.numerical_error` gives :data:`EXAMPLE`; first order in the cell size.
+    """
+    return MAP_ERROR / cells, RUNOUT_ERROR / cells
+
+
+def work(grid: Mapping[str, Any]) -> float:
+    """Particle-steps of a run with cell_size, particles_per_cell and cfl, up to a factor that depends on the site."""
+    size, count = grid["cell_size"], grid["particles_per_cell"]
+    dx, dy, dz = size if isinstance(size, Sequence) else (size,) * 3
+    particles = math.prod(count) if isinstance(count, Sequence) else count
+    return float(particles / (dx * dy * dz) / (grid["cfl"] * min(dx, dy, dz)))
+
+
+def lines(
+    accuracy: str | None,
+    releases: "Sequence[Release]",
+    grid: Mapping[str, Any],
+    particles: Callable[[float], tuple[int, int, int]],
+) -> list[str]:
+    """Lines of ``runout check``: the cells of a run with its expected error bars, and those of each preset with its relative work.
+
+    ``particles`` gives the default particles per cell (px, py, pz) for a cell height [m].
+    """
+    depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
+    name, through = f"accuracy {accuracy}: " if accuracy else "", _through(grid, depth)
+    cells = f"cells of {_sizes(grid['cell_size'])} with {_count(grid['particles_per_cell'])} particles"
+    said = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; {error_statement(through)}"]
+    for other in PRESETS:
+        given = choices(other, releases, {})
+        count = particles(given["cell_size"])
+        ratio = work({**given, "particles_per_cell": count}) / work(grid)
+        said.append(
+            f"          {other}: {_sizes(given['cell_size'])} with {_count(count)}, {ratio:.3g} times this work; "
+            f"{error_statement(_through(given, depth))}"
+        )
+    return [*said, f"          ({EXPECTED} {BOUNDS})"]
+
+
+def error_statement(through: float) -> str:
+    """Expected error bars of a grid with so many cells ``through`` the mean thickness of the release, in words.
+
+    With fewer than :data:`FEWEST_MEASURED` they were not measured.
+    """
+    if through < FEWEST_MEASURED:
+        return f"expected numerical error not known with fewer than {FEWEST_MEASURED:g} cells through the mean thickness"
+    of_map, of_runout = expected_errors(through)
+    return f"expected numerical error ± {100 * of_runout:.2g} % of the run-out, ± {100 * of_map:.2g} % of the thickness map"
+
+
+def _through(grid: Mapping[str, Any], depth: float) -> float:
+    """Cells through a depth [m]."""
+    size = grid["cell_size"]
+    return float(depth / (size[2] if isinstance(size, Sequence) else size))
+
+
+def _count(particles: int | Sequence[int]) -> str:
+    return " x ".join(map(str, particles)) if isinstance(particles, Sequence) else str(particles)
+
+
+def _sizes(size: "CellSize") -> str:
+    return " x ".join(f"{x:g}" for x in size) + " m" if isinstance(size, Sequence) else f"{size:g} m"

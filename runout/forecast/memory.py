@@ -1,0 +1,235 @@
+"""Forecasts the memory of a run from its releases before large allocations, and refuses runs that do not fit."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
+from runout.errors import CapacityError
+from runout.map_quantities import member_map_names
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FrictionLaw
+from runout.model.numerics import Scheme
+from runout.model.release import Release
+from runout.model.structures import StructureField, Structures
+from runout.model.surface import Surface
+
+GIGABYTE = 1e9
+# cells around the first node of a square of two cells by two, west and south, there, and east and north; and above and below:
+# extent of the index of scan, and of hash, whose particles move one cell between two sorts
+REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
+WHILE_LOADED = 8, 24  # bytes a particle beside the arrays of a backend on the CPU while it loads them, and on the host of a GPU
+CHUNKS = 1e7  # bytes of the particles that are made at once
+BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
+PER_MAP_CELL = 110 + 8 * len(member_map_names())  # bytes per cell of the raster: sums, work arrays, and the maps
+STRUCTURE_SUMS = 4 * 216 + 4 * 128  # numbers by block near structures: of the nodes that its particles reach, and of its nodes
+PROGRAM = 0.22e9  # libraries and compiled code
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU).
+
+    ``mixed``: releases whose frictions differ, 1 if all are alike.
+    """
+
+    particles: int
+    held: int
+    owners: int
+    nodes: int
+    nodes_on_device: int
+    mixed: int = 1
+
+
+@dataclass(frozen=True)
+class MemoryForecast:
+    """Memory of a run at its start [byte]; a flow that spreads thinly may take more blocks later.
+
+    Attributes
+    ----------
+    backend : float
+        Particles, index and blocks; on the device if that is a GPU.
+    host : float
+        Further memory of the host: what loading takes, maps, the program. ``Result.state`` takes 250 bytes a particle more.
+    on_device : bool
+    """
+
+    backend: float
+    host: float
+    on_device: bool = False
+
+    @property
+    def total(self) -> float:
+        """Memory of the host [byte], with the backend if it runs there."""
+        return self.host + (0.0 if self.on_device else self.backend)
+
+    def require(self, limit: float, what: str) -> None:
+        """Raise CapacityError if the host needs more than ``limit`` [byte]; ``what`` names the limit."""
+        if self.total > limit:
+            raise _too_much(self.total, limit, what)
+
+
+def _too_much(needed: float, limit: float, what: str) -> CapacityError:
+    coarser = math.ceil(100 * (needed / limit) ** (1 / 3)) / 100 if limit > 0 else math.inf
+    return CapacityError(
+        f"the run needs about {needed / GIGABYTE:.3g} GB of memory, {what} is {limit / GIGABYTE:.3g} GB; "
+        f"use a cell_size {coarser:g} times as large, fewer particles_per_cell, or raise the limit"
+    )
+
+
+def require_memory(forecast: MemoryForecast, engine: Backend, memory_gb: float | None) -> None:
+    """Raise CapacityError if a run needs more than ``memory_gb`` [GB], or than machine and device have free."""
+    if memory_gb is not None:
+        forecast.require(memory_gb * GIGABYTE, "memory_gb")
+    free = available_bytes()
+    if free is not None:
+        forecast.require(free, "the memory that is available")
+    device: Any = getattr(engine, "device", None)
+    if forecast.on_device and forecast.backend > device.free_memory:
+        raise _too_much(forecast.backend, device.free_memory, f"the free memory of {device.alias}")
+
+
+def available_bytes() -> float | None:
+    """Memory that this process may still allocate [byte]; None if unknown."""
+    if find_spec("psutil") is None:
+        return None
+    import psutil
+
+    return float(psutil.virtual_memory().available)
+
+
+def expected_memory(
+    extent: Extent, map_cells: int, scheme: Scheme, engine: Backend | None = None, structures: Structures | None = None,
+    friction: BasalFriction | FrictionLaw | None = None, host_bytes: Callable[..., int] = bytes_on_host,
+) -> MemoryForecast:  # fmt: skip
+    """Forecast for a backend, by default scan.
+
+    Parameters
+    ----------
+    extent : Extent
+    map_cells : int
+        Cells of the elevation raster.
+    scheme : Scheme
+    engine : Backend, optional
+        A GPU backend gives its own numbers; otherwise those of scan are used.
+    structures : Structures, optional
+    friction : BasalFriction or FrictionLaw, optional
+        The law on the ground.
+    host_bytes : callable
+        Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
+
+    Raises
+    ------
+    CapacityError
+        If a GPU backend cannot address so many particles or blocks.
+    """
+    device: Any = getattr(engine, "device", None)
+    on_device = device is not None and bool(device.is_cuda)
+    host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
+    field = structures.field if structures else None
+    precision, transfer, f_bar = scheme.precision, scheme.transfer, scheme.f_bar
+    if on_device:
+        sizes = extent.particles, extent.nodes_on_device
+        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed, scheme.substeps)
+        return MemoryForecast(backend, host, True)
+    counts = extent.particles, extent.held, extent.owners, extent.nodes
+    backend = host_bytes(*counts, precision, transfer, f_bar, friction)
+    return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
+
+
+def structure_bytes(structures: StructureField, extent: Extent, precision: str) -> int:
+    """Memory [byte] of structures in scan: their field, a force by particle, and the sums of the blocks that may be near them."""
+    number = 4 if precision == "float32" else 8
+    near = min(len(structures.distance), extent.owners)
+    return structures.nbytes + number * (4 * extent.particles + STRUCTURE_SUMS * near)
+
+
+def expected_extent(
+    releases: Sequence[Release], surface: Surface, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]
+) -> Extent:
+    """Particles and blocks of releases, estimated from their thickness without making particles."""
+    number = sum(_particles(release, spacing, per_axis) for release in releases)
+    columns = [_columns(release, surface, spacing) for release in releases]
+    low, high = (np.concatenate([c[k] for c in columns]) for k in (0, 1))
+    held = _blocks(low, high, (0,), 0)
+    owners = _blocks(low, high, *REACH)
+    kinds = held, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
+    return Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
+
+
+def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:
+    """Particles of a release: at least one in each column of the lattice of particles."""
+    layer, plan = spacing[2] / per_axis[2], spacing[0] * spacing[1] / (per_axis[0] * per_axis[1])
+    rows = np.maximum(1.0, release.thickness[release.thickness > 0] / layer)
+    return math.ceil(rows.sum() * release.terrain.cell_area / plan)
+
+
+def _columns(release: Release, surface: Surface, spacing: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest grid node (n, 3) of the mass in squares of two by two cells."""
+    terrain = release.terrain
+    rows, columns = (np.flatnonzero((release.thickness > 0).any(axis=axis)) for axis in (1, 0))
+    width, height = ((np.ptp(n) + 1) * terrain.cell_size[k] for k, n in enumerate((columns, rows)))
+    _require_countable(release.name, spacing, (width / (2 * spacing[0])) * (height / (2 * spacing[1])) * BYTES_PER_SQUARE[0])
+    x = _middles(columns[0] * terrain.cell_size[0], (columns[-1] + 1) * terrain.cell_size[0], 2 * spacing[0])
+    south, north = terrain.shape[0] - 1 - rows[-1], terrain.shape[0] - rows[0]
+    y = _middles(south * terrain.cell_size[1], north * terrain.cell_size[1], 2 * spacing[1])
+    row = terrain.shape[0] - 1 - np.minimum(y // terrain.cell_size[1], terrain.shape[0] - 1).astype(np.int64)
+    column = np.minimum(x // terrain.cell_size[0], terrain.shape[1] - 1).astype(np.int64)
+    thickness = release.thickness[np.ix_(row, column)]
+    j, i = np.nonzero(thickness)
+    _require_countable(release.name, spacing, len(j) * BYTES_PER_SQUARE[1])
+    x, y, thickness = (x[i], y[j], thickness[j, i]) if len(j) else _cells(release)  # single cells may lie between the middles
+    ground, east, north_slope = surface.evaluate(x, y)
+    rise = 0.5 * (np.abs(east) * spacing[0] + np.abs(north_slope) * spacing[1])  # of the mean corner
+    plan = np.floor(np.column_stack([x / spacing[0], y / spacing[1]]) - 0.5)
+    bottom, top = (np.floor(z / spacing[2] - 0.5) for z in (ground - rise, ground + rise + thickness))
+    return np.column_stack([plan, bottom]).astype(np.int64), np.column_stack([plan, top]).astype(np.int64)
+
+
+def _cells(release: Release) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Easting, northing and thickness [m] of the cells of a release."""
+    row, column = np.nonzero(release.thickness)
+    north = release.thickness.shape[0] - 0.5 - row
+    return (column + 0.5) * release.terrain.cell_size[0], north * release.terrain.cell_size[1], release.thickness[row, column]
+
+
+def _require_countable(name: str, spacing: tuple[float, float, float], needed: float) -> None:
+    """Raise CapacityError if even the count of cells below a release does not fit into memory."""
+    free = available_bytes() or float(2**34)
+    if not needed <= free:
+        raise CapacityError(
+            f"release {name}: to count its cells of {spacing[0]:g} x {spacing[1]:g} m takes {needed / GIGABYTE:.3g} GB of memory, "
+            f"{free / GIGABYTE:.3g} GB are free; use a larger cell_size"
+        )
+
+
+def _middles(first: float, last: float, step: float) -> np.ndarray:
+    return first + (np.arange(max(1, math.ceil((last - first) / step))) + 0.5) * step
+
+
+def _blocks(low: np.ndarray, high: np.ndarray, shifts: tuple[int, ...], margin: int) -> np.ndarray:
+    """Columns (m, 4) of blocks around nodes: block index east and north, lowest and highest block."""
+    plan = np.concatenate([(low[:, :2] + np.array((i, j))) >> 2 for i in shifts for j in shifts])
+    heights = np.column_stack([(low[:, 2] - margin) >> 2, (high[:, 2] + margin) >> 2])
+    return _hull(plan, np.tile(heights, (len(shifts) ** 2, 1)))
+
+
+def _with_nodes(owners: np.ndarray) -> np.ndarray:
+    """Columns (m, 4) of the blocks that hold the nodes of others."""
+    up = np.concatenate([owners[:, :2] + (i, j) for i in (0, 1) for j in (0, 1)])
+    return _hull(up, np.tile(owners[:, 2:] + (0, 1), (4, 1)))
+
+
+def _hull(plan: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Lowest and highest of the heights (n, 2) over each place (n, 2): (m, 4)."""
+    corner, rows = plan.min(axis=0), int(np.ptp(plan[:, 1])) + 1
+    keys, which = np.unique((plan - corner) @ (rows, 1), return_inverse=True)  # several times as fast as by rows
+    places = corner + np.column_stack(np.divmod(keys, rows))
+    low, high = np.full(len(places), np.iinfo(np.int64).max), np.full(len(places), np.iinfo(np.int64).min)
+    np.minimum.at(low, which.ravel(), heights[:, 0])
+    np.maximum.at(high, which.ravel(), heights[:, 1])
+    return np.column_stack([places, low, high])

@@ -1,0 +1,124 @@
+"""Quantities that runout maps: each file of this folder is one, and no other file lists them.
+
+A quantity makes the maps of members, the products over the members, the settings and the report. Its formula takes a column of the
+flow: thickness [m], speed [m/s] and density [kg/m3].
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class MapQuantity:
+    """A quantity of a flow that has a map per member, and maps over the members.
+
+    Parameters
+    ----------
+    name : str
+        Start of the names of thresholds and probabilities, as in ``speed_thresholds``.
+    units : str
+        UDUNITS unit.
+    words : str
+        Name in sentences, such as "flow speed".
+    described : str
+        Name with the definition, for legends.
+    formula : function, optional
+        Value of a column from its thickness [m], speed [m/s] and density [kg/m3], in the subset of Python of
+        :mod:`runout.physics`; the map of a member holds its largest value over time. None: the thickness at the end of the run.
+    thresholds : tuple of float
+        Default thresholds of exceedance, ascending.
+    stem : str
+        Name in the maps themselves; default: ``name``.
+    symbol : str
+        Label of a colour bar.
+    colours : str
+        Colour map of matplotlib, light for small values.
+    logarithmic : bool
+        Logarithmic colours in the report.
+    least_threshold : float
+        Smallest threshold that is accepted, against wrong units; 0: any positive one.
+    hint : str
+        Remedy for thresholds that are too small.
+    has_mean : bool
+        Whether the products have its mean over the members.
+    remark : str
+        Sentence for the caption of its map.
+    place : int
+        Order among the quantities of files and pages; those of one place follow by name.
+    """
+
+    name: str
+    units: str
+    words: str
+    described: str
+    formula: Callable[[Any, Any, Any], Any] | None
+    thresholds: tuple[float, ...]
+    stem: str = ""
+    symbol: str = ""
+    colours: str = "plasma_r"
+    logarithmic: bool = False
+    least_threshold: float = 0.0
+    hint: str = ""
+    has_mean: bool = False
+    remark: str = ""
+    place: int = 10
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stem", self.stem or self.name)
+        object.__setattr__(self, "symbol", self.symbol or self.words)
+
+    @property
+    def extreme(self) -> str:
+        """What thresholds are compared with, in words."""
+        return f"maximum {self.words}" if self.formula else self.words
+
+    @property
+    def member_map(self) -> str:
+        """Name of the map of a member."""
+        return f"max_{self.stem}" if self.formula else self.stem
+
+    @property
+    def percentile(self) -> str:
+        """Name of the percentiles over the members."""
+        return f"{self.stem}_percentile"
+
+    @property
+    def peak(self) -> str:
+        """Name of the largest value of any member."""
+        return f"peak_{self.stem}"
+
+    @property
+    def mean(self) -> str:
+        """Name of the mean over the members; empty if there is none."""
+        return f"mean_{self.stem}" if self.has_mean else ""
+
+    @property
+    def difference(self) -> str:
+        """Name of the difference of the maps of two products."""
+        return f"{self.stem}_difference"
+
+    @property
+    def threshold(self) -> str:
+        """Name of the dimension of the thresholds."""
+        return f"{self.name}_threshold"
+
+    @property
+    def setting(self) -> str:
+        """Key of the thresholds in site.yaml."""
+        return f"{self.name}_thresholds"
+
+    @property
+    def joint_threshold(self) -> str:
+        """Name of the thresholds in joint conditions."""
+        return f"joint_{self.name}_threshold"
+
+    def exceedance(self, kind: str) -> str:
+        """Name of the maps of exceedance: "probability", "standard_error" or "rms_error"."""
+        return f"{self.name}_exceedance_{kind}"
+
+
+_FILES = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+QUANTITIES: dict[str, MapQuantity] = {q.name: q for q in sorted((f.QUANTITY for f in _FILES), key=lambda q: (q.place, q.name))}

@@ -1,0 +1,1 @@
+"""Scores by what they are made of. Each file adds its ``SCORES``; no other file lists them."""

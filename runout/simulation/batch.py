@@ -1,0 +1,341 @@
+"""Runs many scenarios in shared launches of a GPU. Each has its own time step, observers and end, as in a separate run."""
+
+import math
+import os
+import time as clock
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, cast
+
+import numpy as np
+
+from runout.backends.protocol import (
+    Backend,
+    Counters,
+    LedgerRow,
+    RasterSums,
+    SceneBatch,
+    bytes_on_device,
+    find_device,
+    free_memory,
+    get_batch,
+)
+from runout.errors import CapacityError, RunoutError, StabilityError
+from runout.forecast.accuracy import choices
+from runout.forecast.memory import Extent, MemoryForecast, available_bytes
+from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
+from runout.model.numerics import Numerics
+from runout.model.particle_source import CompactParticles, ParticleSource
+from runout.model.particles import Particles
+from runout.model.release import Release
+from runout.model.scene import Scene
+from runout.model.structures import Structures
+from runout.model.terrain import Terrain
+from runout.simulation.result import Result
+from runout.simulation.run import BATCH, Run, RunControl
+from runout.simulation.scenario import build_scene, scene_arguments
+from runout.simulation.structure_forces import named_structures
+
+MOST = 64  # scenarios per launch
+ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
+BUSY = 3_000_000  # particles with which a launch starts if the next scenario is not ready
+MEMORY_SHARE = 0.8  # share of the free memory at the start; flows that spread take more
+AHEAD = min(2, os.cpu_count() or 1)  # scenarios that are prepared at the same time; more threads wait for each other
+LOOK_SECONDS = 3e-3  # [s] between two sequences of steps, measured
+WAITING_SECONDS = 3e-11  # [s] time per particle of a run that waits
+ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # not accepted
+
+
+def simulate_batch(
+    scenarios: Sequence[Mapping[str, Any]],
+    *,
+    device: str = "auto",
+    progress: Callable[[int, float], None] | None = None,
+    particles: bool = True,
+) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Number and result of every scenario in the order in which they end; for a failed one its error instead of the result.
+
+    Scenarios share the launches of one device: as many at a time as its memory holds, until they have :data:`ENOUGH` particles or
+    are :data:`MOST`; the next are prepared meanwhile. Each gives what
+    :func:`runout.simulate` gives with backend "hash": the same particles in the same order of operations.
+
+    Parameters
+    ----------
+    scenarios : sequence of mappings
+        Arguments of :func:`runout.simulate` by name, without those on device and computation. Scenarios must
+        share cell_size, precision and the law of the material.
+    device : str
+        "cuda:0" and so on, "cpu" (slow), or "auto".
+    progress : callable, optional
+        Called with the number of a scenario and the fraction of its time that is done, 0 to 1.
+    particles : bool
+        Whether results hold the particles at the end, in ``state``; else that is empty. Copying them makes the device wait.
+
+    Raises
+    ------
+    ConfigError
+        If scenarios differ in settings that they must share.
+    DeviceError
+        If the device does not exist.
+    """
+    with ThreadPoolExecutor(AHEAD) as pool:
+        ahead = _Ahead(pool, scenarios, progress)
+        yield from _in_launches(ahead, find_device(device), particles)  # the device is initialised meanwhile
+
+
+def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Outcomes of jobs. A launch has as many as keep the device busy, or as its memory holds; it does not wait for the last."""
+    launch = _Launch(place)
+    for number, future in enumerate(ahead):
+        if launch.particles >= BUSY and not future.done():
+            yield from launch.outcomes(ahead, brought)
+            launch = _Launch(place)
+        try:
+            job = future.result()
+            MemoryForecast(0.0, job.bytes).require(launch.free, f"the free memory of {place}")
+        except RunoutError as error:
+            yield number, error
+            continue
+        if launch.jobs and not launch.takes(job):
+            yield from launch.outcomes(ahead, brought)
+            launch = _Launch(place)
+        launch.jobs.append(job)
+    yield from _launched(launch.jobs, place, brought)
+
+
+@dataclass
+class _Job:
+    """A prepared scenario."""
+
+    number: int
+    terrain: Terrain
+    scene: Scene
+    particles: ParticleSource
+    control: RunControl
+    progress: Callable[[float], None] | None
+    seconds: float  # to prepare it
+    bytes: float  # on the device
+    structures: Structures | None
+
+    @classmethod
+    def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
+        """Scene and particles from arguments of :func:`runout.simulate`."""
+        started = clock.perf_counter()
+        given = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
+        release = given["release"]
+        given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
+        times = tuple(sorted(given.pop("snapshot_times", ())))
+        probes = given.pop("probes", None)
+        control = RunControl(
+            given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times,
+            force_interval=given.pop("force_interval", None), snapshot_particles=given.pop("snapshot_particles", 0),
+            probes=probes.on(given["terrain"]) if probes else None,
+        )  # fmt: skip
+        found: list[Extent] = []
+        if unknown := given.keys() - scene_arguments(given).keys() - Numerics.names():
+            raise TypeError(f"a scenario has the argument {min(unknown)!r}, which runout.simulate does not have")
+        scene, made = build_scene(**scene_arguments(given), accept=found.append, in_chunks=True)
+        particles = CompactParticles.of(made, scene.densities, scene.dtype)
+        sizes = found[0].particles, found[0].nodes_on_device
+        needed = bytes_on_device(
+            *sizes, scene.precision, scene.transfer, scene.f_bar, scene.structures, scene.basal.law, scene.basal.mixed,
+            scene.substeps,
+        )  # fmt: skip
+        tell = (lambda fraction: progress(number, fraction)) if progress else None
+        named = named_structures(given.get("structures"))
+        return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, named)
+
+
+class _Launch:
+    """Jobs of the next launch on a device."""
+
+    def __init__(self, place: str):
+        self.place, self.free = place, _free(place)  # once per launch: the query takes 0.14 s on some machines
+        self.jobs: list[_Job] = []
+
+    @property
+    def particles(self) -> int:
+        return sum(len(job.particles) for job in self.jobs)
+
+    def takes(self, job: _Job) -> bool:
+        """Whether one more job finds memory, and the device is not busy enough without it."""
+        needed = sum(j.bytes for j in self.jobs) + job.bytes
+        return len(self.jobs) < MOST and self.particles < ENOUGH and needed <= MEMORY_SHARE * self.free
+
+    def outcomes(self, ahead: "_Ahead", brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+        """Outcomes of the jobs; as many as keep the device busy are prepared meanwhile."""
+        ahead.make(min(MOST, math.ceil(len(self.jobs) * ENOUGH / max(self.particles, 1))))
+        yield from _launched(self.jobs, self.place, brought)
+
+
+class _Ahead:
+    """Jobs of scenarios in their order, prepared in advance by threads while the device computes.
+
+    Parameters
+    ----------
+    pool : ThreadPoolExecutor
+    scenarios, progress
+        As for :func:`simulate_batch`.
+    """
+
+    def __init__(
+        self, pool: ThreadPoolExecutor, scenarios: Sequence[Mapping[str, Any]], progress: Callable[[int, float], None] | None
+    ):
+        self.pool, self.left, self.progress = pool, iter(enumerate(scenarios)), progress
+        self.waiting: deque[Future[_Job]] = deque()
+        self.make(AHEAD)
+
+    def make(self, count: int) -> None:
+        """Start the preparation of further jobs until ``count`` are ready or in preparation, if there are so many scenarios."""
+        for number, arguments in islice(self.left, max(0, count - len(self.waiting))):
+            self.waiting.append(self.pool.submit(_Job.of, number, arguments, self.progress))
+
+    def __iter__(self) -> "Iterator[Future[_Job]]":
+        while self.waiting:
+            first = self.waiting.popleft()
+            self.make(AHEAD)
+            yield first
+
+
+def _free(place: str) -> float:
+    """Free memory of a device [byte]."""
+    free = free_memory(place) if place != "cpu" else available_bytes()
+    return float("inf") if free is None else free
+
+
+def _launched(jobs: list[_Job], place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Outcomes of jobs in one launch. If the memory is exhausted, the remaining jobs are divided into two launches."""
+    left = {job.number: job for job in jobs}
+    try:
+        for number, outcome in _Together(jobs, place, brought).outcomes() if jobs else ():
+            del left[number]
+            yield number, outcome
+    except CapacityError as error:
+        remaining = list(left.values())
+        if len(remaining) == 1:
+            yield remaining[0].number, error
+            return
+        yield from _launched(remaining[: len(remaining) // 2], place, brought)
+        yield from _launched(remaining[len(remaining) // 2 :], place, brought)
+
+
+@dataclass
+class _View:
+    """One scene of a batch with the interface of a backend; it is stepped only with the others."""
+
+    batch: SceneBatch
+    scene: int
+    rows: Callable[[], list[LedgerRow]]
+    counters: Counters = field(default_factory=Counters)
+
+    @property
+    def max_speed(self) -> float:
+        return self.batch.max_speed_of(self.scene)
+
+    def stable_step(self) -> float:
+        return self.batch.stable_step(self.scene)
+
+    def particles(self) -> Particles:
+        return self.batch.particles_of(self.scene)
+
+    def ledger(self) -> LedgerRow:
+        return self.rows()[self.scene]
+
+    def structure_impulses(self) -> np.ndarray:
+        return self.batch.structure_impulses_of(self.scene)
+
+    def memory_bytes(self) -> int:
+        return self.batch.memory_bytes()
+
+    def columns(self) -> RasterSums:
+        return self.batch.columns_of(self.scene)
+
+    def flow_columns(self) -> RasterSums:
+        return self.batch.flow_columns_of(self.scene)
+
+    def lattice_columns(self) -> RasterSums:
+        return self.batch.lattice_columns_of(self.scene)
+
+
+class _Together:
+    """Runs that share the steps of a batch; with ``brought``, their results contain the particles."""
+
+    def __init__(self, jobs: list[_Job], place: str, brought: bool):
+        self.jobs, self.brought = jobs, brought
+        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
+        self.rows: list[LedgerRow] = []  # of the present state, filled on first use
+        views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
+        self.runs = [
+            Run(view, job.scene, job.control, job.progress, None, job.structures) for view, job in zip(views, jobs, strict=True)
+        ]
+        for run, job in zip(self.runs, jobs, strict=True):
+            run.count(job.particles)
+        self.todo = [0] * len(jobs)  # steps of each run to its next observation
+        self.planned = [0] * len(jobs)
+        self.started = clock.perf_counter()
+
+    def _rows(self) -> list[LedgerRow]:
+        if not self.rows:
+            self.rows = self.batch.ledgers()
+        return self.rows
+
+    def outcomes(self) -> Iterator[tuple[int, Result | RunoutError]]:
+        """Number and outcome of each run, in the order in which they end."""
+        self.batch.look_at(range(len(self.runs)))
+        for run in self.runs:
+            run.begin()
+        running = set(range(len(self.jobs)))
+        while running:
+            for k in sorted(running):
+                outcome = self._outcome(k)
+                if outcome is not None:
+                    running.discard(k)
+                    self.batch.leave([k])
+                    yield self.jobs[k].number, outcome
+            if running:
+                self._advance(running)
+
+    def _advance(self, running: set[int]) -> None:
+        """Make a sequence of steps of all runs; a run whose observation is due earlier waits."""
+        for k in running:
+            if self.todo[k] == 0:
+                self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)
+        count = self._stretch(sorted(running))
+        taken = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
+        done = [planned - todo for planned, todo in zip(self.planned, self.todo, strict=True)]
+        looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= taken[k]] for k in running}
+        going_on = [k for k in running if done[k]]
+        dt, look = [run.dt for run in self.runs], lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
+        self.batch.advance(dt, taken, looks, look, going_on, [run.substeps for run in self.runs])
+        self.rows = []
+        for k in running:
+            self.todo[k] -= taken[k]
+            self.runs[k].engine.counters.add(self.runs[k].substeps, 0, taken[k])
+        for k in sorted(running):
+            if self.todo[k] == 0 and not self.batch.failure(k):
+                self.runs[k].arrive(self.planned[k])
+
+    def _stretch(self, running: list[int]) -> int:
+        """Number of steps with the most work per second; runs whose observation is due earlier wait, and observations cost time."""
+        todo = np.array([self.todo[k] for k in running])
+        particles = np.array([len(self.jobs[k].particles) for k in running])
+        choices = np.unique(todo)
+        steps = np.diff(choices, prepend=0)
+        moving = np.array([particles[todo >= choice].sum() for choice in choices])  # in these steps
+        step = np.maximum(STEP_SECONDS, PARTICLE_SECONDS * moving + WAITING_SECONDS * (particles.sum() - moving))
+        return int(choices[np.argmax(np.cumsum(steps * moving) / (LOOK_SECONDS + np.cumsum(steps * step)))])
+
+    def _outcome(self, k: int) -> Result | RunoutError | None:
+        """Outcome of run k; None while it continues."""
+        run, job = self.runs[k], self.jobs[k]
+        if failure := self.batch.failure(k):
+            return StabilityError(failure)
+        if not run.reason:
+            return None
+        run.seconds = clock.perf_counter() - self.started
+        found = run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
+        _ = found.state  # before the scene leaves the device
+        return found

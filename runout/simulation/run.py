@@ -1,0 +1,380 @@
+"""The time loop of one run: step size, steps, observers, stop rule. Physics and array layout belong to the backends."""
+
+import logging
+import math
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from runout.backends import footprints
+from runout.backends.protocol import Backend, BatchBackend, LedgerRow, RasterSums, ResumableBackend, WindowBackend
+from runout.backends.state import State, arrays_of, part, put_arrays
+from runout.errors import ConfigError
+from runout.model.depth_resolution import DepthResolution, flow_depth
+from runout.model.limits import checked
+from runout.model.particle_source import ParticleSource
+from runout.model.particles import Particles
+from runout.model.probes import Probes
+from runout.model.scene import Scene
+from runout.model.structures import Structures
+from runout.model.terrain import Terrain
+from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
+from runout.simulation.probe_recorder import ProbeRecorder
+from runout.simulation.result import Result
+from runout.simulation.structure_forces import named_structures
+
+LOGGER = logging.getLogger(__name__)
+OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
+CROSSING = 1.0  # largest travel between two observations, in grid cells or, if longer, raster cells
+BATCH = 32  # steps of one size before it is chosen again, at most
+STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
+
+
+@dataclass(frozen=True)
+class RunControl:
+    """Control of a run: its end, its observations, and the work that it may skip.
+
+    Attributes
+    ----------
+    end_time : float
+        Time at which the run ends at the latest [s].
+    stop : bool
+        Stop at rest.
+    arrival_threshold : float
+        Thickness [m] above which the flow has arrived in a cell.
+    snapshot_times : tuple of float
+        Ascending [s]. A snapshot between two steps is interpolated from the states before and after; steps do not depend on it.
+    crossing : float
+        Observe whenever the fastest particle may have crossed so much of a grid cell, or of a raster cell if that is longer, and at
+        least :data:`OBSERVATIONS` times; 0 observes after every step.
+    force_interval : float or None
+        Least time between two records of the forces on structures [s]; that of the rows of the ledger by default.
+    crop : bool
+        Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
+    snapshot_particles : int
+        Most particles that are kept at each snapshot.
+    probes : Probes or None
+        Points and cross-sections, in local coordinates, at which time series are recorded.
+    """
+
+    end_time: float
+    stop: bool = True
+    arrival_threshold: float = 0.1
+    snapshot_times: tuple[float, ...] = ()
+    crossing: float = CROSSING
+    crop: bool = True
+    force_interval: float | None = None
+    snapshot_particles: int = 0
+    probes: Probes | None = None
+
+    def __post_init__(self) -> None:
+        checked("end_time", self.end_time, error=ConfigError)
+        checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
+        if self.force_interval is not None and not 0 <= self.force_interval < math.inf:
+            raise ConfigError(f"force_interval is {self.force_interval!r} s; it must be 0 (every step) or more")
+        if not all(0 <= time < math.inf for time in self.snapshot_times):
+            raise ConfigError(f"snapshot_times are {self.snapshot_times!r} s; each must be 0 or more")
+        if self.snapshot_particles < 0:
+            raise ConfigError(f"snapshot_particles is {self.snapshot_particles}; it must be 0 or more")
+
+
+class Run:
+    """One run, from time zero or a checkpoint to its end."""
+
+    def __init__(
+        self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None,
+        keep: Checkpoint | None, structures: Structures | None = None,
+    ):  # fmt: skip
+        self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
+        on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
+        self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
+        wanted = control.probes
+        self.probes = ProbeRecorder(scene, wanted, control.arrival_threshold, on_lattice) if wanted else None
+        self.ledger, self.rest = Ledger(), AtRest()
+        interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
+        self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
+        self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self.sample, self.particle_frames = ParticleSample(), list[np.ndarray]()
+        self.pending, self.reason = list(control.snapshot_times), ""
+        self.looks: list[int] = []
+        self.frame_before: Frame | None = None  # the last state before the next snapshot
+        self.planned = self.made = self.first_look = 0  # transfers of the series
+        self.look_every = self.substeps = 1
+        self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
+        self.particle_volume = 0.0  # mean [m3]
+
+    def count(self, particles: ParticleSource) -> None:
+        """Note number and mean volume of the particles."""
+        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
+        self.particle_volume = particles.sums(self.scene.densities).mean_volume
+
+    def start(self, particles: ParticleSource) -> None:
+        """Load the backend with the particles, or with the state of a checkpoint of this run."""
+        self.count(particles)
+        state = self.keep.read() if self.keep else None
+        if state is None or not isinstance(self.engine, ResumableBackend):
+            self.engine.load(self.scene, particles)
+            return
+        self.engine.restore(self.scene, part(state, "backend."))
+        put_arrays(self, state, "run.")
+        put_arrays(self.peaks, state, "peaks.")
+        put_arrays(self.rest, state, "rest.")
+        self.ledger.restore(part(state, "ledger."))
+        if self.forces.structures:
+            self.forces.restore(part(state, "forces."))
+        if self.probes:
+            self.probes.restore(part(state, "probes."))
+        frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
+        self.snapshots = list(zip(*frames, strict=True))
+        self.particle_frames = list(state["frames.particles"])
+        self.pending = self.pending[len(self.snapshots) :]
+        LOGGER.info("continues from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
+
+    def _state(self, seconds: float) -> State:
+        """State for :meth:`start` to continue from, after ``seconds`` [s] of wall time in this process."""
+        assert isinstance(self.engine, ResumableBackend)
+        state = {f"backend.{name}": values for name, values in self.engine.checkpoint().items()}
+        state |= arrays_of(self, prefix="run.") | arrays_of(self.peaks, prefix="peaks.") | arrays_of(self.rest, prefix="rest.")
+        state |= {f"ledger.{name}": values for name, values in self.ledger.state().items()}
+        if self.forces.structures:
+            state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
+        state |= {f"probes.{name}": values for name, values in self.probes.state().items()} if self.probes else {}
+        for k, name in enumerate(("time", "thickness", "speed")):
+            state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
+        state["frames.particles"] = np.array(self.particle_frames)
+        state["run.seconds"] = np.asarray(self.seconds + seconds)
+        return state
+
+    def timing(self, setup: float) -> dict[str, float]:
+        """Seconds by stage, including the time before a checkpoint."""
+        own = {"observers": self.observing, "checkpoints": self.keep.seconds} if self.keep else {"observers": self.observing}
+        return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
+
+    def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
+        """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
+        maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
+        fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps}
+        return Result(
+            terrain=terrain,
+            fields=fields,
+            series={"time": np.array(self.ledger.time), **self.ledger.series()},
+            bring=self.engine.particles if brought else lambda: Particles.zeros(0),
+            spacing=self.scene.spacing,
+            steps=self.engine.counters.steps,
+            n_particles=n_particles,
+            timing=self.timing(setup),
+            stop_reason=self.reason,
+            depth_resolution=self.depth_resolution(),
+            snapshots=self.snapshots,
+            particle_frames=self.particle_frames,
+            start=self.scene.start_attributes(),
+            structure_forces=self.forces.result(),
+            probes=self.probes.series(self.control.end_time, terrain, fields) if self.probes else None,
+        )
+
+    def depth_resolution(self) -> DepthResolution:
+        """Resolution of the flow so far, with the mean length of a transfer."""
+        depth, transfers = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.transfers
+        return DepthResolution.of(depth, self.scene, self.time / max(1, transfers), self.particle_volume)
+
+    def go(self) -> None:
+        """Step until the end time or rest."""
+        started = clock.perf_counter()
+        self.begin()
+        while not self.reason:
+            if self.keep and self.frame_before is None and self.keep.due():
+                self.keep.write(self._state(clock.perf_counter() - started))
+            count = self.plan(BATCH)
+            if isinstance(self.engine, BatchBackend):
+                self.engine.steps(self.dt, count, self.looks, self.look, self.substeps)
+            else:
+                count = self._step_singly(count)
+            self.arrive(count)
+
+    def _step_singly(self, count: int) -> int:
+        """Make the planned transfers one by one, until one of them would be unstable; returns how many have been made."""
+        for step in range(1, count + 1):
+            self.engine.step(self.dt, self.substeps)
+            if step in self.looks:
+                started = clock.perf_counter()
+                self._note(self._time_after(step), self._columns())
+                self.observing += clock.perf_counter() - started
+            if self.made + step < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
+                self._end_series(step)
+                return step
+        return count
+
+    def _end_series(self, steps: int = 0) -> None:
+        """End the series so many ``steps`` from now; the next step is looked at, since planned looks have not been made."""
+        self.planned, self.due = self.made + steps, self.begun
+
+    def begin(self) -> None:
+        """Observe the start, unless the run continues from a checkpoint."""
+        if not self.ledger.time:
+            if self.forces.structures:
+                self.forces.record(self.time, self.engine.structure_impulses())
+            self._note(self.time, self._columns())
+            self._keep_snapshots()
+            self._observe()
+
+    def plan(self, most: int) -> int:
+        """Set the next time step [s] and the number of substeps; returns the transfers until the next record, at most ``most``.
+
+        ``looks`` are those after which the maps are updated. Length and number of the transfers of a series follow from the flow,
+        the rows of the ledger and the end. Snapshots and forces interrupt a series but do not change it.
+        """
+        if self.made < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
+            self._end_series()
+        if self.made == self.planned:
+            self._plan_series(most)
+        count = self.planned - self.made
+        if self.forces.structures:
+            count = min(count, max(1, self._steps_until(self.forces.due) - self.made))
+        if self.pending:
+            count = min(count, self._steps_before_snapshot())
+        planned = range(self.first_look, self.planned + 1, self.look_every)
+        self.looks = [step - self.made for step in planned if self.made < step <= self.made + count]
+        return count
+
+    def _plan_series(self, most: int) -> None:
+        """Set length and number of the next transfers, and the looks after them.
+
+        A step is at most twice as long as the one before. The last transfers before the end are equal: where less than one would
+        be left behind the series, the time to the end is divided by their number.
+        """
+        control, longest = self.control, 2.0 * self.dt or math.inf
+        left = control.end_time - self.time
+        self.begun, self.made = self.time, 0
+        self.dt = _on_ladder(min(self.engine.stable_step(), longest))
+        self.substeps = self.scene.substep_count(self.dt, self.engine.max_speed)
+        count = max(1, min(self._bearable(most), self._steps_until(self.ledger_due)))
+        if left < (count + 1) * self.length:
+            to_end = max(1, math.ceil(left / self.length - 1e-9))
+            self.dt, count = left / (to_end * self.substeps), min(count, to_end)
+        self.planned = count
+        crossing = control.crossing * self.scene.observed_length / max(self.engine.max_speed, 1e-3)
+        wait = min(control.end_time / OBSERVATIONS, crossing)
+        self.first_look, self.look_every = max(1, self._steps_until(self.due)), max(1, int(wait / self.length))
+        if self.first_look <= count:
+            last = count - (count - self.first_look) % self.look_every
+            self.due = self.time + self.length * last + wait
+
+    @property
+    def length(self) -> float:
+        """Length [s] of a transfer."""
+        return self.dt * self.substeps
+
+    def _steps_until(self, time: float) -> int:
+        """Number of transfers of the series that reach a time [s]."""
+        return math.ceil((time - self.begun) / self.length - 1e-9)
+
+    def _time_after(self, steps: int) -> float:
+        """Time [s] after so many more transfers; equal bit by bit however the series is interrupted."""
+        return self.begun + self.length * (self.made + steps)
+
+    def _steps_before_snapshot(self) -> int:
+        """Number of transfers to the last state before the next snapshot, or, from that state, which is kept, 1."""
+        ahead = (self.pending[0] - self.time) / self.length
+        if ahead > 1.0 - 1e-9:
+            return max(1, int(ahead + 1e-9))
+        if self.frame_before is None:
+            self.frame_before = self._frame()
+        return 1
+
+    def _bearable(self, most: int) -> int:
+        """At most so many transfers of the present length, which stay stable while gravity speeds up the fastest particle."""
+        fall = self.length * float(np.linalg.norm(self.scene.gravity))
+        while most > 1 and not self.scene.bears(self.dt, self.engine.max_speed + (most - 1) * fall):
+            most = 3 * most // 4
+        return most
+
+    def look(self, step: int, columns: RasterSums) -> None:
+        """Update the maps with the columns after a step of those planned."""
+        started, scene = clock.perf_counter(), self.scene
+        if not self.peaks.on_lattice:
+            columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
+        self._note(self._time_after(step), columns)
+        self.observing += clock.perf_counter() - started
+
+    def arrive(self, count: int) -> None:
+        """Account for ``count`` finished steps; record forces, snapshots and a row of the ledger if they are due."""
+        self.time, self.made = self._time_after(count), self.made + count
+        if self.time >= self.forces.due - self._rounding:
+            self.forces.record(self.time, self.engine.structure_impulses())
+        self._keep_snapshots()
+        if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
+            self._observe()
+
+    @property
+    def _rounding(self) -> float:
+        """Error of a time by rounding [s]."""
+        return 1e-12 * self.control.end_time
+
+    def _note(self, time: float, columns: RasterSums) -> None:
+        """Update maps and probes with the columns at one time [s]."""
+        self.peaks.observe(time, columns)
+        if self.probes:
+            self.probes.observe(time, columns, self.dt)
+
+    def _keep_snapshots(self) -> None:
+        """Keep the snapshots up to the present time: between the states before and after one, both are weighted by time."""
+        if not self.pending or self.pending[0] > self.time + self._rounding:
+            return
+        started, after = clock.perf_counter(), self._frame()
+        while self.pending and self.pending[0] <= self.time + self._rounding:
+            time = self.pending.pop(0)
+            frame = self.frame_before.blend(after, time) if self.frame_before else after
+            self.snapshots.append((time, frame.thickness, frame.speed))
+            if self.sample.size:
+                self.particle_frames.append(frame.particles)
+        self.frame_before = None
+        self.observing += clock.perf_counter() - started
+
+    def _observe(self) -> None:
+        """Record the present state, and update the maps if it is the last."""
+        started, control = clock.perf_counter(), self.control
+        if self.time >= control.end_time * (1 - 1e-12):
+            self.reason = "end time"
+        self._record(self.engine.ledger(), self.engine.memory_bytes())
+        self.ledger_due = self.time + control.end_time / OBSERVATIONS
+        if self.reason and self.peaks.time < self.time:
+            self._note(self.time, self._columns())
+        if self.reason and self.forces.structures and self.forces.times[-1] < self.time:
+            self.forces.record(self.time, self.engine.structure_impulses())
+        if self.progress:
+            self.progress(1.0 if self.reason else self.time / control.end_time)
+        self.observing += clock.perf_counter() - started
+
+    def _record(self, row: LedgerRow, memory: int) -> None:
+        """Add a row to the ledger; the run ends if the flow rests."""
+        self.ledger.record(self.time, self.dt, row, memory)
+        if self.control.stop and self.rest.reached(row):
+            self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
+
+    def _columns(self) -> RasterSums:
+        """Columns for the peaks: on the lattice or the raster."""
+        engine = self.engine
+        if self.peaks.on_lattice and isinstance(engine, WindowBackend):
+            return engine.lattice_columns()
+        return self._raster_columns()
+
+    def _raster_columns(self) -> RasterSums:
+        engine = self.engine
+        return engine.flow_columns() if self.control.crop and isinstance(engine, WindowBackend) else engine.columns()
+
+    def _frame(self) -> Frame:
+        """The present state on the whole raster, and that of the sample of particles."""
+        columns, raster = self._raster_columns(), self.scene.raster
+        whole = np.zeros((2, raster.rows, raster.columns))
+        whole[:, *columns.window] = flow_fields(columns, raster)
+        empty = np.zeros((0, 4), np.float32)
+        particles = self.sample.take(self.engine.particles(), self.scene.spacing) if self.sample.size else empty
+        return Frame(self.time, whole[0], whole[1], particles)
+
+
+def _on_ladder(limit: float) -> float:
+    """Largest step of a geometric sequence that does not exceed the limit."""
+    return float(STEP_RATIO ** math.floor(math.log(limit) / math.log(STEP_RATIO)))

@@ -1,0 +1,115 @@
+"""Scene and particles of a scenario: terrain, releases and material as a backend takes them."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ConfigError, ReleaseError, require_kind
+from runout.forecast.memory import Extent, expected_extent
+from runout.model import basal_strength
+from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
+from runout.model.friction import FrictionZones
+from runout.model.limits import checked
+from runout.model.materials import MATERIAL_REMEDY, Material
+from runout.model.numerics import Numerics
+from runout.model.particle_source import gathered
+from runout.model.release import Release
+from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
+from runout.model.structures import StructureField, Structures
+from runout.model.terrain import Terrain
+
+
+def build_scene(
+    terrain: Terrain,
+    release: Release | Sequence[Release],
+    material: Material,
+    basal_friction_angle: float,
+    numerics: Numerics,
+    *,
+    basal_friction: BasalFriction | None = None,
+    friction_zones: FrictionZones | None = None,
+    structures: Structures | StructureField | None = None,
+    accept: Callable[[Extent], None] | None = None,
+    in_chunks: bool = False,
+) -> tuple[Scene, Any]:
+    """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
+
+    ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
+    particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
+    """
+    from runout.backends.initial_stress import InitialStress, pressed_by
+    from runout.backends.resting_particles import ReleaseParticles, settled_in
+    from runout.forecast import stiffness
+    from runout.release.arrangement import default_particles
+    from runout.release.sample import Sampling, particles_per_axis
+    from runout.terrain import open_edge, prepare, sdf
+    from runout.terrain.crest_window import Mass
+
+    releases = [release] if isinstance(release, Release) else list(release)
+    if not releases:
+        raise ReleaseError("no release is given; at least one is needed")
+    basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
+    frictions = basal_strength.frictions_under(releases, basal)
+    spacing, particles_per_cell = numerics.spacing, numerics.particles_per_cell
+    if particles_per_cell is None:
+        particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
+    prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
+    given = [r.material or material for r in releases]
+    strength = basal_strength.strengths(given, spacing[2])
+    materials = stiffness.chosen_moduli(given, releases, frictions, strength, friction_zones)
+    for r, m in zip(releases, materials, strict=True):
+        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
+    dug = [r.excavation for r in releases]
+    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(frictions, strength, friction_zones))
+    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
+    per_axis = particles_per_axis(particles_per_cell)
+    if accept:
+        extent = expected_extent(releases, surface.surface, spacing, per_axis)
+        accept(replace(extent, mixed=_mixed(frictions, strength)))
+    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
+    scene = Scene(
+        spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
+        friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),
+        initial_stress=InitialStress.of(numerics.initial_stress),
+        structures=structures.field if isinstance(structures, Structures) else structures,
+    )  # fmt: skip
+    how = Sampling(spacing, per_axis, numerics.seed)
+    press = pressed_by(scene, releases)
+    particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
+    return scene, particles if in_chunks else gathered(particles)
+
+
+def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of :func:`build_scene` from those of :func:`runout.simulate`; those of other things are left out."""
+    chosen = {name: arguments[name] for name in signature(build_scene).parameters if name in arguments}
+    return {"basal_friction_angle": USUAL_ANGLE, **chosen, "numerics": Numerics.of(arguments)}
+
+
+def _checked_friction(
+    material: Any, basal_friction: Any, angle_deg: Any, friction_zones: Any, structures: Any
+) -> BasalFriction | float:
+    """Basal friction of the run, or its angle [rad].
+
+    Raises
+    ------
+    ConfigError
+        For an argument of another kind, such as a number in place of a law, or an angle out of range.
+    """
+    require_kind(Material, material, "material", MATERIAL_REMEDY, ConfigError)
+    angle = f"{FRICTION_REMEDY}, or leave it out and write basal_friction_angle=20.0 in degrees"
+    require_kind(BasalFriction | None, basal_friction, "basal_friction", angle, ConfigError)
+    zones = "give runout.FrictionZones.from_vector(FILE, terrain, ...)"
+    require_kind(FrictionZones | None, friction_zones, "friction_zones", zones, ConfigError)
+    bodies = "give the structures of runout.Structures.from_file(FILE, terrain, ...)"
+    require_kind(Structures | StructureField | None, structures, "structures", bodies, ConfigError)
+    return basal_friction or math.radians(checked("basal_friction_angle", angle_deg, error=ConfigError))  # type: ignore[no-any-return]
+
+
+def _mixed(frictions: Sequence[float | BasalFriction], strengths: Sequence[float]) -> int:
+    """How many releases differ in friction: 1 if all are alike, else all of them."""
+    first, *others = zip(frictions, strengths, strict=True)
+    return 1 if all(other == first for other in others) else len(frictions)

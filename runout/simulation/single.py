@@ -1,0 +1,186 @@
+"""One scenario from its inputs to its result."""
+
+import logging
+import os
+import time as clock
+from collections.abc import Callable, Sequence
+
+from runout.backends.protocol import get_backend
+from runout.forecast.accuracy import choices
+from runout.forecast.memory import Extent, expected_memory, require_memory
+from runout.model import basal_strength
+from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
+from runout.model.friction import FrictionZones
+from runout.model.materials import Material
+from runout.model.numerics import Numerics
+from runout.model.probes import Probes
+from runout.model.release import Release
+from runout.model.structures import StructureField, Structures
+from runout.model.terrain import Terrain
+from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
+from runout.simulation.result import Result
+from runout.simulation.run import Run, RunControl
+from runout.simulation.scenario import build_scene
+from runout.simulation.structure_forces import named_structures
+
+LOGGER = logging.getLogger(__name__)
+
+
+def simulate(
+    terrain: Terrain,
+    release: Release | Sequence[Release],
+    material: Material,
+    *,
+    basal_friction_angle: float = USUAL_ANGLE,
+    basal_friction: BasalFriction | None = None,
+    friction_zones: FrictionZones | None = None,
+    structures: Structures | StructureField | None = None,
+    cell_size: float | tuple[float, float, float] | None = None,
+    particles_per_cell: int | tuple[int, int, int] | None = None,
+    end_time: float,
+    backend: str = "scan",
+    device: str = "cpu",
+    precision: str = "float32",
+    seed: int = 0,
+    cfl: float | None = None,
+    transfer: str = "mls",
+    flip_ratio: float = 0.95,
+    f_bar: bool = False,
+    sleep_speed: float = 0.0,
+    substeps: int = 1,
+    initial_stress: str = "at_rest",
+    accuracy: str | None = None,
+    threads: int | None = None,
+    stop: bool = True,
+    arrival_threshold: float = 0.1,
+    snapshot_times: Sequence[float] = (),
+    snapshot_particles: int = 0,
+    force_interval: float | None = None,
+    probes: Probes | None = None,
+    progress: Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: float = EVERY,
+    memory_gb: float | None = None,
+) -> Result:
+    """Run one scenario.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    release : Release or sequence of Release
+        The masses that start to move; several must not overlap.
+    material : Material
+        Material of every release without a material of its own.
+    basal_friction_angle : float
+        Coulomb friction angle at the ground [deg], 0 to 60, for every release without an angle of its own.
+    basal_friction : BasalFriction, optional
+        Law of friction at the ground and its parameters, instead of that angle.
+    friction_zones : FrictionZones, optional
+        Zones where the ground multiplies or replaces the friction, see :meth:`runout.FrictionZones.from_vector`.
+    structures : Structures or StructureField, optional
+        Buildings, walls, dams or galleries that the flow meets; the forces on them are ``Result.structure_forces``.
+    cell_size : float or (dx, dy, dz)
+        Grid spacing [m]; required without ``accuracy``.
+    particles_per_cell : int or (nx, ny, nz)
+        Particles per cell; 8 is (2, 2, 2). Default: (2, 2, 4), or (3, 3, 1) for a mass at least five cells thick on level
+        ground (:mod:`runout.release.arrangement`).
+    end_time : float
+        Latest time [s].
+    backend, device : str
+        "scan" (CPU, numba), "hash" (warp: "cuda:0", or "cpu", slow), "auto" (hash if there is a GPU, else scan) or
+        "reference" (NumPy, slow).
+    precision : str
+        "float32" or "float64".
+    seed : int
+        Seed of the positions of the particles.
+    cfl : float
+        Courant number; 0.6 by default, which is also the largest. A smaller value is not more accurate, since each step damps.
+    transfer : str
+        "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
+        ``docs/theory``.
+    flip_ratio : float
+        Fraction, 0 to 1, that a particle keeps of the velocity that the grid does not represent ("aflip"); 0 is "apic".
+    f_bar : bool
+        Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
+    sleep_speed : float
+        Blocks slower than this [m/s] rest until something moves beside them, on the backend "scan"; 0, the default, switches it
+        off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``. Mass beside structures
+        stays awake.
+    substeps : int
+        Most substeps of a transfer between particles and grid, 1 to 64: forces and contacts are taken anew in each, the transfer,
+        which damps, is made once (:mod:`runout.physics.substeps`). With "mls" only, without ``f_bar`` and ``sleep_speed``.
+    initial_stress : str
+        "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
+    accuracy : str, optional
+        "screening", "standard" or "high": cell_size and cfl that follow from the mean thickness of the release
+        (:data:`runout.forecast.accuracy.PRESETS`); an explicit value of either overrides the preset.
+    threads : int, optional
+        Threads of the CPU; all by default. The result does not depend on it.
+    stop : bool
+        Stop when the flow has come to rest.
+    arrival_threshold : float
+        Thickness from which a cell counts as reached [m].
+    snapshot_times : sequence of float
+        Times [s] at which maps of thickness and speed are stored, interpolated between two steps; they change no step.
+    snapshot_particles : int
+        Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
+    force_interval : float, optional
+        Least time between two records of the forces on structures [s]; a 200th of ``end_time`` by default, 0 for every step.
+    probes : Probes, optional
+        Points and cross-sections, in map coordinates, whose time series :attr:`runout.Result.probes` holds.
+    progress : callable, optional
+        Called with the fraction of the simulated time, 0 to 1.
+    checkpoint : path, optional
+        Checkpoint file. If a run was interrupted, the same call continues from it and gives the same bits. Removed at the end.
+    checkpoint_every : float
+        Wall time between two checkpoints [s].
+    memory_gb : float, optional
+        Limit of the memory [GB]. A run with a larger forecast is refused, as is one that exceeds the available memory.
+
+    Raises
+    ------
+    DemError, ReleaseError, MaterialError, ConfigError
+        If an input cannot be used; the message names place, value and remedy.
+    StabilityError, CapacityError, DeviceError
+        If a run cannot continue.
+    """
+    started = clock.perf_counter()
+    times, places = tuple(sorted(snapshot_times)), probes.on(terrain) if probes else None
+    control = RunControl(
+        end_time, stop, arrival_threshold, times,
+        force_interval=force_interval, snapshot_particles=snapshot_particles, probes=places,
+    )  # fmt: skip
+    named = named_structures(structures)
+    engine = get_backend(backend, device, threads)
+    releases = [release] if isinstance(release, Release) else list(release)
+    grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
+    numerics = Numerics(
+        **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, transfer=transfer, flip_ratio=flip_ratio,
+        f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, initial_stress=initial_stress,
+    )  # fmt: skip
+
+    def accept(extent: Extent) -> None:
+        needed = expected_memory(extent, terrain.elevation.size, numerics, engine, named, basal_friction)
+        require_memory(needed, engine, memory_gb)
+
+    scene, particles = build_scene(
+        terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
+        structures=named, accept=accept, in_chunks=True,
+    )  # fmt: skip
+    for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
+        LOGGER.warning("%s", sentence)
+    key = run_key(scene, particles, control, type(engine).__name__) if checkpoint else ""
+    keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
+    run = Run(engine, scene, control, progress, keep, named)
+    n_particles = len(particles)
+    run.start(particles)
+    del particles
+    loaded = clock.perf_counter()
+    run.go()
+    run.seconds += clock.perf_counter() - loaded
+    result = run.result(terrain, n_particles, loaded - started)
+    if keep:
+        keep.remove()
+    if result.depth_resolution.is_coarse:
+        LOGGER.warning("%s", result.depth_resolution.warning())
+    return result
