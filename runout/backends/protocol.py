@@ -252,13 +252,12 @@ class Compilation(Protocol):
 
 
 def start_compilation(
-    materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any],
-    structures: bool = False, marked: Callable[[Path], None] | None = None,
+    materials: tuple[Material, ...], friction: BasalFriction, choices: dict[str, Any], *, zones: bool, structures: bool = False,
+    marked: Callable[[Path], None] | None = None,
 ) -> Compilation:  # fmt: skip
     """Compilation for the backend scan, with the parameters of :class:`runout.backends.scan.ahead.CompilingAhead`."""
     ahead = import_module("runout.backends.scan.ahead")
-    how = {"zones": zones, "choices": choices, "structures": structures, "marked": marked}
-    return ahead.CompilingAhead(materials, friction, precision, **how)  # type: ignore[no-any-return]
+    return ahead.CompilingAhead(materials, friction, choices, zones=zones, structures=structures, marked=marked)  # type: ignore[no-any-return]
 
 
 def free_memory(device: str) -> float:

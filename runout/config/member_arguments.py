@@ -10,6 +10,7 @@ from runout.errors import ConfigError
 from runout.forecast.accuracy import CellSize, choices
 from runout.model.laws import LAWS
 from runout.model.limits import spacing_of
+from runout.model.numerics import Numerics
 
 if TYPE_CHECKING:
     from runout.config.site import SiteData
@@ -18,11 +19,10 @@ if TYPE_CHECKING:
 
 Sample = Mapping[str, float]  # sampled parameters by name
 ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besides the parameters
-OF_SIMULATION = (  # settings that are arguments under the same name
-    *("end_time", "backend", "device", "precision", "cfl", "transfer", "flip_ratio", "f_bar", "sleep_speed", "substeps"),
-    "initial_stress",
-    "arrival_threshold",
-)
+OF_SIMULATION = {  # settings that are arguments under the same name
+    *Numerics.names().difference(("cell_size", "particles_per_cell", "seed")),
+    *("end_time", "backend", "device", "arrival_threshold"),
+}
 
 
 def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:

@@ -54,22 +54,19 @@ class Site:
     file: Path
     name: str
     settings: SiteSettings
-    files: SiteFiles = field(compare=False, repr=False)
+    files: SiteFiles = field(default=None, compare=False, repr=False)  # type: ignore[assignment]
 
-    @classmethod
-    def of(cls, file: Path, settings: SiteSettings, name: str) -> "Site":
-        """The site of a site.yaml with these settings; nothing is read."""
-        return cls(file.parent, file, name, settings, SiteFiles(settings, file))
+    def __post_init__(self) -> None:
+        files = self.files or SiteFiles(self.settings, self.file)
+        object.__setattr__(self, "files", files if files.settings is self.settings else files.of_settings(self.settings))
 
     def with_settings(self, **sections: Any) -> "Site":
         """The site with other sections of site.yaml; inputs that may depend on them are read anew."""
-        settings = self.settings.model_copy(update=sections)
-        return replace(self, settings=settings, files=self.files.with_settings(settings))
+        return replace(self, settings=self.settings.model_copy(update=sections))
 
     def on_device(self, device: str) -> "Site":
         """The site with another device, see :func:`runout.config.overrides.on_device`; "cuda" spreads the members over all GPUs."""
-        simulation = on_device(self.settings.simulation, device)
-        return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))  # no input depends on it
+        return self.with_settings(simulation=on_device(self.settings.simulation, device))
 
     def terrain(self) -> "Terrain":
         """The elevation raster, read and prepared, with the obstacles on it; DemError if it cannot be used."""
@@ -188,4 +185,4 @@ def read_site(path: Path | str) -> Site:
     """
     file = site_file(path)
     settings = load(file)
-    return Site.of(file, settings, settings.name)
+    return Site(file.parent, file, settings.name, settings)

@@ -103,12 +103,15 @@ class SiteFiles:
         files._watched, files._content, files.known = self._watched, self._content, self.known.recorded_in(record)
         return files
 
-    def with_settings(self, settings: SiteSettings) -> "SiteFiles":
-        """The files of other settings, read anew; of settings that differ in their probes, only these are."""
-        files = SiteFiles(settings, self.file, self.known)
-        if settings.model_copy(update={"probes": self.settings.probes}) == self.settings:
-            files._watched |= {part: watched for part, watched in self._watched.items() if part != "probes"}
-            files._content |= {key: content for key, content in self._content.items() if key[0] != "probes"}
+    def of_settings(self, settings: SiteSettings) -> "SiteFiles":
+        """The files of other settings. If these differ in probes or device only, nothing but the probes is read again."""
+        own, files = self.settings, SiteFiles(settings, self.file, self.known)
+        device = {name: getattr(own.simulation, name) for name in ("device", "backend", "threads")}
+        alike = {"probes": own.probes, "simulation": settings.simulation.model_copy(update=device)}
+        if settings.model_copy(update=alike) == own:
+            anew = () if settings.probes == own.probes else ("probes",)
+            files._watched |= {part: watched for part, watched in self._watched.items() if part not in anew}
+            files._content |= {key: content for key, content in self._content.items() if key[0] not in anew}
         return files
 
     def paths(self, *parts: str) -> list[Path]:

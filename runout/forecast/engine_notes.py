@@ -21,6 +21,7 @@ from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS
 from runout.model.laws import LAWS
+from runout.model.numerics import Scheme
 from runout.processes.caches import compiled_code
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ DAY, SHORT = 86_400.0, 600.0  # [s] that a note counts, and one from a measureme
 MONTH = 30  # times as long: how long notes are kept, and count where that is better than none
 COMPILERS = ("numpy", "numba", "llvmlite", "warp-lang")
 SOURCES = ("backends", "physics", "model")  # packages whose change changes the kernels
-OF_KERNELS = ("backend", "device", "precision", "transfer", "f_bar", "substeps")
+OF_ENGINE = ("backend", "device")
 OF_SCENE = ("cell_size", "particles_per_cell")
 
 
@@ -136,8 +137,9 @@ def note_member(arguments: Mapping[str, Any], seconds: float, steps: float, part
 
 
 def _of_kernels(arguments: Mapping[str, Any]) -> list[Any]:
-    chosen = [arguments.get(name) for name in OF_KERNELS]
-    return [*laws_of(arguments), *chosen, bool(arguments.get("sleep_speed")), bool(arguments.get("friction_zones"))]
+    choices = Scheme.of(arguments).of_kernels()
+    choices["sleep_speed"] = bool(choices["sleep_speed"])
+    return [*laws_of(arguments), *map(arguments.get, OF_ENGINE), choices, bool(arguments.get("friction_zones"))]
 
 
 def _of_scene(arguments: Mapping[str, Any]) -> list[Any]:

@@ -13,6 +13,7 @@ from runout.errors import CapacityError
 from runout.map_quantities import member_map_names
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FrictionLaw
+from runout.model.numerics import Scheme
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
 from runout.model.surface import Surface
@@ -102,9 +103,8 @@ def available_bytes() -> float | None:
 
 
 def expected_memory(
-    extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False,
-    structures: Structures | None = None, friction: BasalFriction | FrictionLaw | None = None,
-    host_bytes: Callable[..., int] = bytes_on_host, substeps: int = 1,
+    extent: Extent, map_cells: int, scheme: Scheme, engine: Backend | None = None, structures: Structures | None = None,
+    friction: BasalFriction | FrictionLaw | None = None, host_bytes: Callable[..., int] = bytes_on_host,
 ) -> MemoryForecast:  # fmt: skip
     """Forecast for a backend, by default scan.
 
@@ -113,18 +113,14 @@ def expected_memory(
     extent : Extent
     map_cells : int
         Cells of the elevation raster.
-    precision : str
+    scheme : Scheme
     engine : Backend, optional
         A GPU backend gives its own numbers; otherwise those of scan are used.
-    transfer, f_bar : str, bool
-        As of :class:`runout.model.scene.Scene`.
     structures : Structures, optional
     friction : BasalFriction or FrictionLaw, optional
         The law on the ground.
     host_bytes : callable
         Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
-    substeps : int
-        Most of a transfer; they take memory on a GPU.
 
     Raises
     ------
@@ -135,9 +131,10 @@ def expected_memory(
     on_device = device is not None and bool(device.is_cuda)
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
     field = structures.field if structures else None
+    precision, transfer, f_bar = scheme.precision, scheme.transfer, scheme.f_bar
     if on_device:
         sizes = extent.particles, extent.nodes_on_device
-        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed, substeps)
+        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed, scheme.substeps)
         return MemoryForecast(backend, host, True)
     counts = extent.particles, extent.held, extent.owners, extent.nodes
     backend = host_bytes(*counts, precision, transfer, f_bar, friction)

@@ -16,6 +16,7 @@ from runout.backends.protocol import get_backend
 from runout.forecast import engine_notes
 from runout.forecast.engine_notes import StepCost
 from runout.model.limits import spacing_of
+from runout.model.numerics import Scheme
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.surface import Surface
@@ -100,9 +101,7 @@ def _scene(arguments: Mapping[str, Any], cells: int) -> Scene:
     surface = Surface.through(np.repeat(SLOPE * (x[-1] - x)[:, None], side + 1, axis=1), spacing[:2])
     material = arguments["material"].chosen(math.sqrt(STANDARD_GRAVITY * x[-1]), spacing[2], STANDARD_GRAVITY)
     friction = arguments.get("basal_friction") or math.tan(math.radians(arguments["basal_friction_angle"]))
-    named = ("cfl", "precision", "transfer", "flip_ratio", "f_bar", "sleep_speed", "substeps")
-    chosen = {name: arguments[name] for name in named if name in arguments}
-    return Scene(spacing, surface, Raster(side, side, spacing[:2]), (material,), (friction,), **chosen)
+    return Scene(spacing, surface, Raster(side, side, spacing[:2]), (material,), (friction,), **Scheme.of(arguments).scheme())
 
 
 def _layer(scene: Scene, cells: int) -> Particles:

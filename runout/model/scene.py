@@ -12,16 +12,16 @@ from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
 from runout.model.laws import Law, law_of
-from runout.model.limits import CFL, LARGEST_CFL, checked, is_number
+from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
+from runout.model.numerics import Scheme
 from runout.model.structures import StructureField
 from runout.model.surface import Surface
 from runout.physics import geostatic, substeps, timestep
 
 STANDARD_GRAVITY = 9.81
 RESERVE = 0.95  # of the Courant number that an isolated particle bears, in steps that runout chooses
-TRANSFERS = ("mls", "apic", "aflip")
 STEP_TOLERANCE = 1.02  # a step that was chosen some steps ago may be so much longer than a limit: the flow has sped up
 
 
@@ -38,8 +38,8 @@ class Raster:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A runout scene on a grid of uniform spacing.
+class Scene(Scheme):
+    """A runout scene on a grid of uniform spacing; its further arguments are those of :class:`runout.model.numerics.Scheme`.
 
     Parameters
     ----------
@@ -60,21 +60,6 @@ class Scene:
         Initial stress of the particles, at_rest or none; for the record.
     gravity : tuple of float
         Acceleration [m/s2].
-    cfl : float
-        Courant number of the acoustic limit, at most 0.6. The limit of an isolated particle can shorten the steps.
-    precision : str
-        "float32" or "float64".
-    transfer : str
-        How stress, strain and velocity pass between particles and grid: "mls" (packed in the affine matrix), "apic" (gradients of
-        the weights) or "aflip" (apic, and particles keep a part of their own velocity).
-    flip_ratio : float
-        That fraction, 0 to 1; for "aflip" only.
-    f_bar : bool
-        Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
-    substeps : int
-        Most substeps of a transfer between particles and grid, 1 to 64 (:mod:`runout.physics.substeps`).
-    sleep_speed : float
-        Blocks slower than this [m/s] rest until something moves beside them; 0 switches it off; "scan" only.
     friction_zones : FrictionZones or None
         Zones where the ground changes the friction, or None.
     unknown : ndarray (columns, rows) of bool or None
@@ -90,14 +75,7 @@ class Scene:
     materials: tuple[Material, ...]
     friction: tuple[BasalFriction | float, ...]
     gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
-    cfl: float = CFL
-    precision: str = "float32"
     contact_band: float = field(default=0.001)  # a particle closer than this [cells] is in contact
-    transfer: str = "mls"
-    flip_ratio: float = 0.95
-    f_bar: bool = False
-    substeps: int = 1
-    sleep_speed: float = 0.0
     friction_zones: FrictionZones | None = None
     unknown: np.ndarray | None = None
     strength: tuple[float, ...] = ()
@@ -112,19 +90,7 @@ class Scene:
         if isinstance(self.surface, NodalSurface) and self.surface.spacing != self.spacing[:2]:
             apart = f"{self.surface.spacing} m apart, the grid has them {self.spacing[:2]} m apart"
             raise ConfigError(f"the ground is made for nodes {apart}; make it for this grid")
-        if not is_number(self.cfl):
-            raise ConfigError(f"cfl is {self.cfl!r}; it must be a number, {CFL:g} is usual")
-        if not 0 < self.cfl <= LARGEST_CFL:
-            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
-        if self.precision not in ("float32", "float64"):
-            raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
-        if self.transfer not in TRANSFERS:
-            raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
-        checked("flip_ratio", self.flip_ratio, error=ConfigError)
-        checked("sleep_speed", self.sleep_speed, error=ConfigError)
-        if self.sleep_speed and (self.f_bar or not self.packed):
-            raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
-        self._check_substeps()
+        super().__post_init__()
         if len({m.law for m in self.materials}) != 1:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):
@@ -141,28 +107,10 @@ class Scene:
         if self.structures:
             self.structures.require_fits(self.spacing)
 
-    def _check_substeps(self) -> None:
-        checked("substeps", self.substeps, error=ConfigError)
-        if self.substeps != int(self.substeps):
-            raise ConfigError(f"substeps is {self.substeps!r}; it must be a whole number")
-        if self.substeps > 1 and (self.f_bar or self.sleep_speed or not self.packed):
-            also = "it works with transfer mls, without f_bar and sleep_speed; leave these out, or substeps"
-            raise ConfigError(f"substeps is {self.substeps}; {also}")
-
     @cached_property
     def law(self) -> Law:
         """The law that all materials follow."""
         return law_of(self.materials[0])
-
-    @property
-    def packed(self) -> bool:
-        """Whether stress and strain pass through the affine matrix, not through the gradients of the weights."""
-        return self.transfer == "mls"
-
-    @property
-    def keeps(self) -> float:
-        """Part of its own velocity that a particle keeps [1]."""
-        return self.flip_ratio if self.transfer == "aflip" else 0.0
 
     @property
     def observed_length(self) -> float:

@@ -27,7 +27,7 @@ from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
 from runout.forecast.memory import Extent, MemoryForecast, available_bytes
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
-from runout.model.basal_friction import USUAL_ANGLE
+from runout.model.numerics import Numerics
 from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
 from runout.model.release import Release
@@ -36,7 +36,7 @@ from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.simulation.result import Result
 from runout.simulation.run import BATCH, Run, RunControl
-from runout.simulation.scenario import build_scene
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
 
 MOST = 64  # scenarios per launch
@@ -135,7 +135,9 @@ class _Job:
             probes=probes.on(given["terrain"]) if probes else None,
         )  # fmt: skip
         found: list[Extent] = []
-        scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
+        if unknown := given.keys() - scene_arguments(given).keys() - Numerics.names():
+            raise TypeError(f"a scenario has the argument {min(unknown)!r}, which runout.simulate does not have")
+        scene, made = build_scene(**scene_arguments(given), accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)
         sizes = found[0].particles, found[0].nodes_on_device
         needed = bytes_on_device(

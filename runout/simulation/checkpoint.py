@@ -113,11 +113,10 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
     """Checksum of all that a run depends on: sources of runout, scene, particles, and further choices with a complete ``repr``."""
     digest = hashlib.sha256(repr((FORMAT, source_code.checksums().members, np.__version__, member_map_names(), choices)).encode())
     ground = scene.ground
-    plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
-    transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed, scene.substeps)
+    plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.scheme())
     digest.update((scene.law.source + scene.basal.law.source).encode())
     lattice = ground and (ground.surface.spacing, ground.surface.origin, ground.first)
-    digest.update(repr((plain, transfer, scene.contact_band, lattice)).encode())
+    digest.update(repr((plain, scene.contact_band, lattice)).encode())
     arrays = [ground.surface.coefficients, ground.change] if ground else []
     if scene.friction_zones:
         zones = scene.friction_zones

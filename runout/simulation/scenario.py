@@ -1,8 +1,9 @@
 """Scene and particles of a scenario: terrain, releases and material as a backend takes them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ import numpy as np
 from runout.errors import ConfigError, ReleaseError, require_kind
 from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
-from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
+from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
-from runout.model.limits import CFL, checked, spacing_of
+from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
+from runout.model.numerics import Numerics
 from runout.model.particle_source import gathered
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
@@ -26,25 +28,15 @@ def build_scene(
     release: Release | Sequence[Release],
     material: Material,
     basal_friction_angle: float,
-    cell_size: float | tuple[float, float, float],
-    particles_per_cell: int | tuple[int, int, int] | None = None,
+    numerics: Numerics,
     *,
-    seed: int = 0,
-    cfl: float = CFL,
-    precision: str = "float32",
-    transfer: str = "mls",
-    flip_ratio: float = 0.95,
-    f_bar: bool = False,
-    sleep_speed: float = 0.0,
-    substeps: int = 1,
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
-    initial_stress: str = "at_rest",
     structures: Structures | StructureField | None = None,
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
 ) -> tuple[Scene, Any]:
-    """Scene and particles of a scenario; parameters as in :func:`runout.simulate`.
+    """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
 
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
@@ -62,7 +54,7 @@ def build_scene(
         raise ReleaseError("no release is given; at least one is needed")
     basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
     frictions = basal_strength.frictions_under(releases, basal)
-    spacing = spacing_of(cell_size)
+    spacing, particles_per_cell = numerics.spacing, numerics.particles_per_cell
     if particles_per_cell is None:
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
@@ -80,15 +72,21 @@ def build_scene(
         accept(replace(extent, mixed=_mixed(frictions, strength)))
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
-        spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
-        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, strength=strength,
-        friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
+        spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
+        friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),
+        initial_stress=InitialStress.of(numerics.initial_stress),
         structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
-    how = Sampling(spacing, per_axis, seed)
+    how = Sampling(spacing, per_axis, numerics.seed)
     press = pressed_by(scene, releases)
     particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)
+
+
+def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of :func:`build_scene` from those of :func:`runout.simulate`; those of other things are left out."""
+    chosen = {name: arguments[name] for name in signature(build_scene).parameters if name in arguments}
+    return {"basal_friction_angle": USUAL_ANGLE, **chosen, "numerics": Numerics.of(arguments)}
 
 
 def _checked_friction(

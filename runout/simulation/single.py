@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import expected_memory, require_memory
+from runout.forecast.memory import Extent, expected_memory, require_memory
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
+from runout.model.numerics import Numerics
 from runout.model.probes import Probes
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
@@ -152,15 +153,19 @@ def simulate(
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
-    grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}
+    grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
+    numerics = Numerics(
+        **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, transfer=transfer, flip_ratio=flip_ratio,
+        f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, initial_stress=initial_stress,
+    )  # fmt: skip
+
+    def accept(extent: Extent) -> None:
+        needed = expected_memory(extent, terrain.elevation.size, numerics, engine, named, basal_friction)
+        require_memory(needed, engine, memory_gb)
+
     scene, particles = build_scene(
-        terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, friction_zones=friction_zones,
-        initial_stress=initial_stress, basal_friction=basal_friction, structures=named, accept=lambda extent: require_memory(
-            expected_memory(
-                extent, terrain.elevation.size, precision, engine, transfer, f_bar, named, basal_friction, substeps=substeps
-            ), engine, memory_gb,
-        ), in_chunks=True,
+        terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
+        structures=named, accept=accept, in_chunks=True,
     )  # fmt: skip
     for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)

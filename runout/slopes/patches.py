@@ -11,6 +11,7 @@ from runout.config.stability import StabilitySettings
 from runout.forecast.accuracy import preset
 from runout.io.vector import outline
 from runout.model.limits import PARTICLES_PER_CELL
+from runout.model.numerics import Scheme
 from runout.terrain.overlay import covered_part
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def fits_memory(particles: float, terrain: "Terrain") -> bool:
     free = available_bytes()
     blocks = math.ceil(particles / PER_BLOCK)
     extent = Extent(math.ceil(particles), blocks, 2 * blocks, 4 * blocks, 4 * blocks)
-    return free is None or expected_memory(extent, terrain.elevation.size, "float32").total <= free
+    return free is None or expected_memory(extent, terrain.elevation.size, Scheme()).total <= free
 
 
 def _without_small_holes(mask: np.ndarray, terrain: "Terrain", least_area: float) -> np.ndarray:

@@ -133,7 +133,7 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
         observations=_readable_observations(stated.get("observations"), wrong),
         probes=_readable_probes(stated.get("probes"), wrong),
     )
-    return Site.of(file, settings, file.parent.name)
+    return Site(file.parent, file, file.parent.name, settings)
 
 
 def _is_right(section: str, stated: dict[str, Any], wrong: list[str]) -> bool:

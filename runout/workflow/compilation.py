@@ -23,10 +23,9 @@ class _Kernels:
     material: "Material"
     releases: int
     friction: "BasalFriction"
-    precision: str
     zones: bool
     structures: bool
-    choices: dict[str, Any]
+    choices: dict[str, Any]  # of the scheme
 
     @classmethod
     def of(cls, site: "Site") -> "_Kernels | None":
@@ -35,16 +34,16 @@ class _Kernels:
         if stated.backend != "scan" or stated.device != "cpu":
             return None
         from runout.config.site_files import may_hold_bodies
+        from runout.model.numerics import Scheme
         from runout.model.scene import STANDARD_GRAVITY
 
         return cls(
             site.material().chosen(1.0, 1.0, STANDARD_GRAVITY),
             SEVERAL if len(site.settings.release) > 1 else 1,
             site.friction.law.example,
-            stated.precision,
             bool(terrain.friction_zones or terrain.friction_rasters),
             may_hold_bodies(site.settings),
-            {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed, "substeps": stated.substeps},
+            Scheme.of(stated.model_dump()).of_kernels(),
         )
 
     @property
@@ -53,7 +52,7 @@ class _Kernels:
         from runout.forecast import engine_notes
 
         laws = engine_notes.laws_of({"material": self.material, "basal_friction": self.friction})
-        return [*laws, self.releases, self.precision, self.zones, self.structures, self.choices]
+        return [*laws, self.releases, self.zones, self.structures, self.choices]
 
     def noted(self, times: int = 1) -> bool:
         """Whether they are known to be compiled; ``times`` is that of :func:`runout.forecast.engine_notes.known`."""
@@ -76,9 +75,10 @@ def compile_ahead(site: "Site") -> "Compilation | None":
     kernels = _Kernels.of(site)
     if kernels is None or kernels.noted():
         return None
-    more: dict[str, Any] = {"zones": kernels.zones, "structures": kernels.structures, "choices": kernels.choices}
-    materials = (kernels.material,) * kernels.releases
-    return start_compilation(materials, kernels.friction, kernels.precision, **more, marked=kernels.note)
+    materials, bodies = (kernels.material,) * kernels.releases, kernels.structures
+    return start_compilation(
+        materials, kernels.friction, kernels.choices, zones=kernels.zones, structures=bodies, marked=kernels.note
+    )
 
 
 def kernels_noted(site: "Site") -> bool:

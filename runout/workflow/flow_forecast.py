@@ -12,6 +12,7 @@ from runout.model.column_resistance import ColumnResistance, Resistance, ground_
 from runout.model.depth_resolution import DepthResolution
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
+from runout.model.numerics import Scheme
 from runout.model.scene import Raster, Scene
 from runout.simulation.observers import AtRest
 from runout.terrain.drag_speed import GATHERED
@@ -172,6 +173,6 @@ def _steps(grid: Mapping[str, Any], stiffness: "Stiffness", flow: Flow) -> Membe
 def _scene(grid: Mapping[str, Any], materials: "Sequence[Material]") -> Scene:
     """Scene without ground, for the step and the resolution that it gives."""
     return Scene(
-        spacing_of(grid["cell_size"]), None, Raster(1, 1, (1.0, 1.0)), tuple(materials), (0.0,) * len(materials), cfl=grid["cfl"],
-        transfer=grid["transfer"], flip_ratio=grid["flip_ratio"], f_bar=grid["f_bar"],
+        spacing_of(grid["cell_size"]), None, Raster(1, 1, (1.0, 1.0)), tuple(materials), (0.0,) * len(materials),
+        **Scheme.of(grid).scheme(),
     )  # fmt: skip

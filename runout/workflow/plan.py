@@ -5,7 +5,6 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,9 +15,9 @@ from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
 from runout.map_quantities import member_map_names
-from runout.model.basal_friction import USUAL_ANGLE
 from runout.model.limits import spacing_of
-from runout.simulation.scenario import build_scene
+from runout.model.numerics import Numerics
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
 from runout.workflow.flow_forecast import member_steps
@@ -203,17 +202,15 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
     found: list[MemoryForecast] = []
 
     def accept(extent: Extent) -> None:
-        cells, ways = arguments["terrain"].elevation.size, (arguments["transfer"], arguments["f_bar"])
+        cells, numerics = arguments["terrain"].elevation.size, Numerics.of(arguments)
         has = named_structures(arguments.get("structures")), arguments.get("basal_friction")
         engine = None if arguments["device"] == "cpu" else engine_for(arguments)
-        more = {"host_bytes": _noted_bytes, "substeps": arguments["substeps"]}
-        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, *has, **more))
+        found.append(expected_memory(extent, cells, numerics, engine, *has, host_bytes=_noted_bytes))
         raise _Fits
 
     arguments = site.member_arguments(member.parameters)
-    stated = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
     with suppress(_Fits):
-        build_scene(**{"basal_friction_angle": USUAL_ANGLE, **stated}, accept=accept)
+        build_scene(**scene_arguments(arguments), accept=accept)
     return found[0]
 
 

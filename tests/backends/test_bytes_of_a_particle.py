@@ -9,8 +9,8 @@ import pytest
 
 from runout import DruckerPrager, Release, Terrain
 from runout.model.particle_source import CompactParticles, gathered, slices
-from runout.simulation import single
-from runout.simulation.single import build_scene, simulate
+from runout.simulation import simulate, single
+from runout.simulation.scenario import build_scene, scene_arguments
 
 SAND = DruckerPrager(density=2000.0, friction_angle=30.0)
 SMALL, LARGE = 300_000, 600_000  # the terrain takes 26 MB before there are particles
@@ -56,8 +56,8 @@ def test_forecast_of_the_memory_is_that_of_the_peak():
 
 def test_particles_in_chunks_are_those_made_at_once_and_the_same_each_time():
     stated = slope(30_000)
-    scene, at_once = build_scene(**stated, basal_friction_angle=20.0, seed=4)
-    _, source = build_scene(**stated, basal_friction_angle=20.0, seed=4, in_chunks=True)
+    scene, at_once = build_scene(**scene_arguments(stated | {"seed": 4}))
+    _, source = build_scene(**scene_arguments(stated | {"seed": 4}), in_chunks=True)
     assert len(source) == len(at_once) > 25_000
     for _ in range(2):
         chunks = list(slices(source))
@@ -74,7 +74,7 @@ def test_particles_in_chunks_are_those_made_at_once_and_the_same_each_time():
 
 def test_compact_particles_are_the_particles_in_the_precision_of_the_run():
     stated = slope(30_000)
-    scene, source = build_scene(**stated, basal_friction_angle=20.0, in_chunks=True)
+    scene, source = build_scene(**scene_arguments(stated), in_chunks=True)
     compact = CompactParticles.of(source, scene.densities, np.float32)
     held = sum(sum(a.nbytes for a in arrays.values()) + release.nbytes for arrays, release in compact.parts)
     assert held / len(compact) < 61

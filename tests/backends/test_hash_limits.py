@@ -11,6 +11,7 @@ from runout import VoellmyBase
 from runout.backends.hash import backend, grid, limits, readback
 from runout.errors import CapacityError
 from runout.forecast.memory import Extent, expected_memory
+from runout.model.numerics import Scheme
 
 UNIT = (1.0, 1.0, 1.0)
 CARD = SimpleNamespace(device=SimpleNamespace(is_cuda=True))
@@ -100,12 +101,12 @@ def test_sums_of_maps_that_cannot_be_addressed_are_refused(monkeypatch):
 def test_the_forecast_for_a_card_refuses_what_it_cannot_address(precision, fits):
     extent = Extent(fits + 1, 1000, 1000, 1000, 1000)
     with pytest.raises(CapacityError, match=rf"more than the {fits} that hash can address in {precision}"):
-        expected_memory(extent, 10_000, precision, CARD)
-    assert expected_memory(extent, 10_000, precision).backend > 0  # on the CPU
+        expected_memory(extent, 10_000, Scheme(precision=precision), CARD)
+    assert expected_memory(extent, 10_000, Scheme(precision=precision)).backend > 0  # on the CPU
     assert backend.bytes_needed(fits, 1000, precision) > 2**35
 
 
 def test_the_forecast_for_a_card_refuses_blocks_that_cannot_be_addressed():
     most = limits.largest_blocks(False)
     with pytest.raises(CapacityError, match=rf"{most + 1} blocks has more than the {most}"):
-        expected_memory(Extent(1000, 1, 1, 1, most + 1), 10_000, "float32", CARD)
+        expected_memory(Extent(1000, 1, 1, 1, most + 1), 10_000, Scheme(precision="float32"), CARD)

@@ -15,6 +15,7 @@ from runout.backends.initial_stress import strain_at_rest
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 from runout.model import basal_strength
+from runout.model.numerics import Numerics
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
 
@@ -60,21 +61,25 @@ def speed_over_exact(made, engine, friction, end=0.8, degrees=30.0):
 def test_a_layer_slides_as_the_closed_form_says_from_the_start(name, precision, cells, youngs_modulus):
     """Without initial stress the soft one falls upon itself first, and friction is missing meanwhile."""
     ground, release = layer(cells)
-    made = build_scene(ground, release, sand(youngs_modulus=youngs_modulus), 20.0, H, 8, precision=precision)
+    made = build_scene(
+        ground, release, sand(youngs_modulus=youngs_modulus), 20.0, Numerics(cell_size=H, particles_per_cell=8, precision=precision)
+    )
     found, _ = speed_over_exact(made, engine_of(name), math.tan(math.radians(20.0)))
     assert found == pytest.approx(1.0, abs=0.01)
 
 
 def test_without_initial_stress_a_soft_layer_is_too_fast():
     ground, release = layer(4)
-    made = build_scene(ground, release, sand(youngs_modulus=1e6), 20.0, H, 8, initial_stress="none")
+    made = build_scene(
+        ground, release, sand(youngs_modulus=1e6), 20.0, Numerics(cell_size=H, particles_per_cell=8, initial_stress="none")
+    )
     assert not made[1].strain.any()
     assert speed_over_exact(made, get_backend("scan", threads=1), math.tan(math.radians(20.0)))[0] > 1.05
 
 
 def test_the_budget_of_energy_starts_from_the_initial_stress_and_closes():
     ground, release = layer(4)
-    made = build_scene(ground, release, sand(), 20.0, H, 8)
+    made = build_scene(ground, release, sand(), 20.0, Numerics(cell_size=H, particles_per_cell=8))
     b, law = tuple(made[1].strain.T), array_binding()
     h = law.elastic.log_strain_series(b)
     stored = 0.5 * made[1].volume @ law.tensors.contracted(h, law.elastic.kirchhoff_stress(h, made[0].materials[0]))
@@ -92,7 +97,7 @@ def test_the_budget_of_energy_starts_from_the_initial_stress_and_closes():
 @pytest.mark.parametrize("cells", [1, 4])
 def test_ground_stronger_than_the_mass_acts_as_the_mass_does(name, precision, cells):
     ground, release = layer(cells)
-    made = build_scene(ground, release, sand(20.0), 35.0, H, 8, precision=precision)
+    made = build_scene(ground, release, sand(20.0), 35.0, Numerics(cell_size=H, particles_per_cell=8, precision=precision))
     assert speed_over_exact(made, engine_of(name), math.sin(math.radians(20.0)))[0] == pytest.approx(1.0, abs=0.02)
 
 
@@ -102,7 +107,7 @@ def test_a_release_dug_out_below_level_ground_starts_at_rest():
     release = runout.Release(8.0 * np.clip(1.0 - ((x - 62.0) ** 2 + (y - 46.0) ** 2) / 24.0**2, 0.0, 1.0), ground)
     speeds = {}
     for start in ("none", "at_rest"):
-        a_scene, particles = build_scene(ground, release, sand(), 30.0, H, initial_stress=start)
+        a_scene, particles = build_scene(ground, release, sand(), 30.0, Numerics(cell_size=H, initial_stress=start))
         run = Run(get_backend("scan", threads=1), a_scene, RunControl(0.3, stop=False), None, None)
         run.start(particles)
         run.go()
@@ -117,7 +122,7 @@ def test_the_stress_follows_the_free_surface_up_to_a_step_at_the_rim():
     ground, x, y = slope_of(0.0)
     inside = (abs(x - 62.0) < 20.0) & (abs(y - 46.0) < 20.0)
     release = runout.Release(np.where(inside, 6.0 - 0.1 * (x - 62.0), 0.0), ground, placement="on_surface")
-    a_scene, particles = build_scene(ground, release, sand(), 30.0, H, 8)
+    a_scene, particles = build_scene(ground, release, sand(), 30.0, Numerics(cell_size=H, particles_per_cell=8))
     position = particles.position(np.array(a_scene.spacing))
     depth = 306.0 - 0.1 * (position[:, 0] - 62.0) - position[:, 2]
     tilt = np.full(len(depth), -0.1), np.zeros(len(depth))
@@ -184,7 +189,7 @@ def test_simulate_says_once_which_friction_acts_and_records_the_start(caplog):
     assert result.maps.attrs["basal_friction"] == pytest.approx([math.tan(math.radians(35.0))])
     assert result.maps.attrs["acting_basal_friction"] == pytest.approx([math.sin(math.radians(20.0))])
     grains = runout.GranularFlow(density=2000.0, youngs_modulus=5e6, static_friction=0.3, dynamic_friction=0.6, grain_size=0.01)
-    a_scene, _ = build_scene(ground, release, grains, 30.0, 4.0, 8, initial_stress="none")
+    a_scene, _ = build_scene(ground, release, grains, 30.0, Numerics(cell_size=4.0, particles_per_cell=8, initial_stress="none"))
     assert not list(basal_strength.sentences(a_scene, ["release"]))  # 0.577 is less than what fast grains pass on
     with pytest.raises(ConfigError, match="initial_stress is 'resting'; choose one of at_rest, none"):
         runout.simulate(ground, release, grains, initial_stress="resting", **choices)
@@ -193,7 +198,10 @@ def test_simulate_says_once_which_friction_acts_and_records_the_start(caplog):
 def test_the_backends_agree_on_a_release_under_its_weight():
     """In single precision scan and hash differ by rounding; the particles they start from are the same."""
     ground, release = layer(2)
-    made = [build_scene(ground, release, sand(), 35.0, 2 * H, 8, precision="float64") for _ in range(2)]
+    made = [
+        build_scene(ground, release, sand(), 35.0, Numerics(cell_size=2 * H, particles_per_cell=8, precision="float64"))
+        for _ in range(2)
+    ]
     np.testing.assert_array_equal(made[0][1].strain, made[1][1].strain)
     ends = []
     for name, (a_scene, particles) in zip(("scan", "hash"), made, strict=True):

@@ -9,6 +9,7 @@ from scenes import HASH_DEVICE, SAND, at, engine_of, scene
 
 from runout import ConfigError, Probes, Release, Terrain, simulate
 from runout.map_quantities import peak_quantities
+from runout.model.numerics import Numerics
 from runout.model.scene import Raster
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
@@ -34,8 +35,8 @@ ACROSS = {
 @pytest.fixture
 def finished(backend):
     """A run over a ramp with probes, its boxes at the start, and the columns of each observation on the whole raster."""
-    grid = {"cell_size": CELL, "particles_per_cell": (2, 2, 3), "precision": "float64"}
-    made, particles = build_scene(TERRAIN, [RELEASE], SAND, FRICTION, **grid)
+    numerics = Numerics(cell_size=CELL, particles_per_cell=(2, 2, 3), precision="float64")
+    made, particles = build_scene(TERRAIN, [RELEASE], SAND, FRICTION, numerics)
     control = RunControl(END, stop=False, probes=PROBES.on(TERRAIN))
     run, seen = Run(backend, made, control, None, None), []
     note = run._note

@@ -9,8 +9,8 @@ from scenes import ROCK, at, box, loaded, scene
 from runout import Elastic
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, StabilityError
-from runout.model.limits import CFL
-from runout.model.scene import LARGEST_CFL, RESERVE, STEP_TOLERANCE, Scene
+from runout.model.limits import CFL, LARGEST_CFL
+from runout.model.scene import RESERVE, STEP_TOLERANCE, Scene
 
 UNIT = (1.0, 1.0, 1.0)
 

@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager, Release, Terrain
 from runout.backends.protocol import get_backend
+from runout.model.numerics import Numerics
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
 
@@ -46,7 +47,7 @@ def slope(cell_size: float, finer: float) -> tuple[Any, Any]:
     terrain = Terrain(math.tan(math.radians(30.0)) * np.maximum(CREST - x, 0.0)[None, :] + waves, (cell, cell))
     distance = ((x - 200.0) / RADIUS)[None, :] ** 2 + ((y - SIZE[1] / 2) / RADIUS)[:, None] ** 2
     release = Release(THICKNESS * np.sqrt(np.maximum(0.0, 1.0 - distance)), terrain)
-    return build_scene(terrain, release, DruckerPrager(density=2000.0, friction_angle=30.0), 20.0, cell_size)
+    return build_scene(terrain, release, DruckerPrager(density=2000.0, friction_angle=30.0), 20.0, Numerics(cell_size=cell_size))
 
 
 def seconds_of(kind: type[Run], made: tuple[Any, Any], end_time: float, device: str) -> tuple[float, Run]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from runout import simulate
 from runout.backends import footprints
+from runout.model.numerics import Numerics
 from runout.simulation.observers import PeakMaps
 from runout.simulation.run import OBSERVATIONS, Run
 from runout.simulation.scenario import build_scene
@@ -44,7 +45,7 @@ class CoarseMaps:
     def __init__(self, cell: float):
         case = arguments(SITE)
         scene, particles = build_scene(
-            case["terrain"], [case["release"]], case["material"], case["basal_friction_angle"], cell_size=cell
+            case["terrain"], [case["release"]], case["material"], case["basal_friction_angle"], Numerics(cell_size=cell)
         )
         self.scene, self.due, self.density = scene, 0.0, float(scene.densities[0])
         self.particle_volume = particles.sums(scene.densities).mean_volume

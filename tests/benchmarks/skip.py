@@ -7,7 +7,6 @@ import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +16,14 @@ from runout import DruckerPrager, Release, Terrain, __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
 from runout.io.atomic import write_json
 from runout.map_quantities import member_map_names
+from runout.model.numerics import Numerics
 from runout.model.particles import Particles
 from runout.model.release import Placement
 from runout.model.scene import Scene
 from runout.model.structures import CELLS, Patches, StructureField
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.run import Run, RunControl
-from runout.simulation.scenario import build_scene
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.studies.convergence import relative_l1
 from runout.studies.sloping_layer import Layer
 from runout.studies.work_precision import commit
@@ -128,9 +128,7 @@ def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
     with log.muted():
         arguments = with_vertical_edges(SITE).member_arguments()
     arguments["basal_friction_angle"] = friction
-    scene, particles = build_scene(
-        **{name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
-    )
+    scene, particles = build_scene(**scene_arguments(arguments))
     control = RunControl(end_time, stop, arguments["arrival_threshold"])
     return scene, particles, control
 
@@ -144,7 +142,7 @@ def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
     slab[8:16, 6:14], bed[4:20, 26:70] = 6.0, 2.0
     releases = [Release(thickness, terrain, placement=Placement.ON_SURFACE) for thickness in (slab, bed)]
     soil = DruckerPrager(density=2000.0, youngs_modulus=5e6, friction_angle=30.0, cohesion=5e3)
-    return *build_scene(terrain, releases, soil, 22.0, cell_size), RunControl(end_time, False)
+    return *build_scene(terrain, releases, soil, 22.0, Numerics(cell_size=cell_size)), RunControl(end_time, False)
 
 
 def measure(scenes: Mapping[str, Made], repeats: int = REPEATS) -> dict[str, Any]:

@@ -92,6 +92,8 @@ class FakeSite:
             title="A made-up valley",
             description="A hypothetical release.",
             metadata=None,
+            structures=None,
+            terrain=SimpleNamespace(dem="inputs/dem.tif"),
             hazard=SimpleNamespace(
                 **{q.setting: [] for q in QUANTITIES.values() if q.name not in THRESHOLDS},
                 **{QUANTITIES[name].setting: limits for name, limits in THRESHOLDS.items()},
@@ -122,7 +124,6 @@ class FakeSite:
             probes=lambda: None,
             obstacles=lambda: [dam],
             observations=lambda: Reading(None),
-            may_hold_bodies=False,
             paths=lambda *_: [self.folder / "inputs" / "dem.tif"],
             known=SimpleNamespace(sha256=sha256),
         )

@@ -7,6 +7,7 @@ from runout import DruckerPrager, Release, Terrain
 from runout.backends import resting_particles
 from runout.backends.compile import array_binding
 from runout.model.friction import FrictionZones
+from runout.model.numerics import Numerics
 from runout.model.particle_source import slices
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import STANDARD_GRAVITY
@@ -30,9 +31,8 @@ def heaps(placement="on_surface"):
     first[5:20, 4:25], second[25:38, 30:57] = rng.uniform(0.01, 22.0, (15, 21)), 12.0
     zones = FrictionZones(rng.choice([1.0, 0.6, 1.4], (61, 41)), np.zeros((61, 41)), (10.0, 8.0))
     releases = [Release(first, terrain, placement=placement), Release(second, terrain, placement="on_surface", material=SOFT)]
-    return releases, build_scene(
-        terrain, releases, FIRM, 20.0, SPACING, PER_AXIS, seed=2, friction_zones=zones, in_chunks=True
-    )  # fmt: skip
+    numerics = Numerics(cell_size=SPACING, particles_per_cell=PER_AXIS, seed=2)
+    return releases, build_scene(terrain, releases, FIRM, 20.0, numerics, friction_zones=zones, in_chunks=True)
 
 
 def by_arrays(scene, source, releases):

@@ -9,6 +9,7 @@ import shapely
 
 from runout import DruckerPrager, simulate
 from runout.errors import ReleaseError
+from runout.model.numerics import Numerics
 from runout.model.release import Edge, Release
 from runout.model.terrain import Terrain
 from runout.release import taper
@@ -150,7 +151,7 @@ def test_a_larger_volume_slides_on_the_surface_of_the_stated_one_and_stands_abov
     sand = DruckerPrager(density=2000.0, youngs_modulus=2e7, friction_angle=34.0)
     middle, floors, tops = (np.array([150.0]), np.array([150.0])), [], []
     for factor in (1.0, 1.6):
-        scene, particles = build_scene(slope, mass(slope, 7.0).scaled(factor), sand, 15.0, 10.0)
+        scene, particles = build_scene(slope, mass(slope, 7.0).scaled(factor), sand, 15.0, Numerics(cell_size=10.0))
         floors.append(float(scene.surface.evaluate(*middle)[0][0]))
         place = particles.position(scene.spacing)
         column = np.hypot(place[:, 0] - 150.0, place[:, 1] - 150.0) < 10.0

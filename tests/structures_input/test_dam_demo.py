@@ -22,7 +22,7 @@ def test_inputs_are_what_the_script_makes(tmp_path):
 def test_check_finds_no_problem_and_all_structures():
     found = check.inspect(SITE)
     assert found.problems == []
-    bodies = read_site(SITE).structures.bodies(found.terrain).solids
+    bodies = found.site.files.bodies().solids
     assert [body.name for body in bodies] == ["gallery", "house north", "house west", "house south", "dam"]
     assert [body.clearance is not None for body in bodies] == [True, False, False, False, False]
     assert "runout run sites/dam_demo" in (SITE / "README.md").read_text()

@@ -137,7 +137,7 @@ def test_python_makes_the_same_of_files_as_site_yaml(tmp_path):
         [runout.StructureSource(site / "inputs" / "hut.obj", units="m", name="hut")], terrain, 5.0,
         overhangs=site / "inputs" / "cave.obj", overhang_friction_angle_deg=35.0,
     )  # fmt: skip
-    theirs = read.structures.on_grid(stated, (), (5.0, 5.0, 5.0))
+    theirs = read.files.structures((5.0, 5.0, 5.0))
     assert ours.names == theirs.names == ("hut", "overhang")
     np.testing.assert_array_equal(ours.field.distance, theirs.field.distance)
     np.testing.assert_array_equal(ours.field.patches.friction, theirs.field.patches.friction)

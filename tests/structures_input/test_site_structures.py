@@ -178,7 +178,7 @@ def test_several_layers_of_a_file_are_structures_and_areas(tmp_path):
     )  # fmt: skip
     read = read_site(site)
     assert read.member_arguments({})["structures"].names == ("house", "dam")
-    (area,) = read.structures.protected_areas(read.terrain()).values()
+    (area,) = read.files.protected_areas().values()
     assert area.sum() == pytest.approx(900.0)
     assert "protects_layer" not in str(read.computed()["structures"])
 

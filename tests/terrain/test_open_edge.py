@@ -5,6 +5,7 @@ import pytest
 
 from runout import DruckerPrager, Release, Terrain, simulate
 from runout.errors import DemError
+from runout.model.numerics import Numerics
 from runout.simulation.scenario import build_scene
 from runout.terrain import open_edge
 from runout.terrain.fill import continued, filled
@@ -95,7 +96,7 @@ def test_a_release_beside_the_edge_begins_whole_on_known_ground(spacing):
     thickness[10:30, 8:24] = 6.0
     thickness[20, 12] = 0.0
     release = Release.from_array(thickness, terrain, placement="on_surface")
-    scene, p = build_scene(terrain, release, MATERIAL, 20.0, spacing)
+    scene, p = build_scene(terrain, release, MATERIAL, 20.0, Numerics(cell_size=spacing))
     x, y, z_p = p.position(np.array(scene.spacing)).T
     assert scene.holds(x, y).all()
     assert p.mass.sum() == pytest.approx(release.volume * MATERIAL.density, rel=1e-12)

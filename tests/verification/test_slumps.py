@@ -12,6 +12,7 @@ import pytest
 
 import runout
 from runout.backends.protocol import get_backend
+from runout.model.numerics import Numerics
 from runout.physics import geostatic
 from runout.simulation.scenario import build_scene
 
@@ -26,7 +27,7 @@ def sand(cone="plane_strain"):
 def followed(terrain, thickness, placement, material, times):
     """Places (len(times), n, 3) [m] and thickness maps (len(times), rows, columns) [m] of a mass at these times."""
     release = runout.Release(thickness, terrain, placement=placement)
-    scene, particles = build_scene(terrain, release, material, BASAL_DEG, H, 8)
+    scene, particles = build_scene(terrain, release, material, BASAL_DEG, Numerics(cell_size=H, particles_per_cell=8))
     engine, spacing, time = get_backend("scan", threads=1), np.array(scene.spacing), 0.0
     engine.load(scene, particles)
     places, maps = [], []

@@ -8,7 +8,7 @@ from runout.backends.scan import ahead
 from runout.backends.scan.precompile import variant
 from runout.config.site import read_site
 from runout.errors import ConfigError
-from runout.simulation.scenario import build_scene
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.workflow import hazard_map
 from runout.workflow.compilation import compile_ahead
 
@@ -31,16 +31,15 @@ def kind(scene):
 def test_the_kernels_of_the_members_are_compiled(compiled):
     site = read_site(JACKSBORO)
     compile_ahead(site).wait(lambda fraction: None)
-    names = ("terrain", "release", "material", "basal_friction_angle", "cell_size", "particles_per_cell", "precision")
     arguments = site.member_arguments({"basal_friction_angle_deg": 15.0})
-    scene = build_scene(**{name: arguments[name] for name in names})[0]
+    scene = build_scene(**scene_arguments(arguments))[0]
     assert [kind(found) for found in compiled] == [kind(scene)]
 
 
 def test_sites_on_a_gpu_compile_nothing_for_the_processor(compiled):
     site = read_site(JACKSBORO)
-    settings = site.settings.model_copy(update={"simulation": site.settings.simulation.model_copy(update={"device": "cuda:0"})})
-    assert compile_ahead(type(site)(site.folder, site.file, site.name, settings)) is None
+    simulation = site.settings.simulation.model_copy(update={"device": "cuda:0"})
+    assert compile_ahead(site.with_settings(simulation=simulation)) is None
     assert not compiled
 
 

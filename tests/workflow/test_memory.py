@@ -10,6 +10,7 @@ from runout import DruckerPrager, Release, Terrain, Voellmy, VoellmyBase
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError
 from runout.forecast.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
+from runout.model.numerics import Numerics, Scheme
 from runout.release.sample import particles_per_axis
 from runout.simulation.scenario import build_scene
 from runout.simulation.single import simulate
@@ -40,13 +41,18 @@ def test_forecast_agrees_with_what_the_scan_backend_holds(case, precision):
     terrain, release = valley(cell, thickness)
     seen = []
     scene, particles = build_scene(
-        terrain, release, SAND, 20.0, spacing, per_cell, precision=precision, accept=lambda extent: seen.append(extent)
+        terrain,
+        release,
+        SAND,
+        20.0,
+        Numerics(cell_size=spacing, particles_per_cell=per_cell, precision=precision),
+        accept=lambda extent: seen.append(extent),
     )
     engine = get_backend("scan", threads=1)
     engine.load(scene, particles)
     (extent,) = seen
     assert extent.particles == pytest.approx(len(particles), rel=0.05)
-    forecast = expected_memory(extent, terrain.elevation.size, precision)
+    forecast = expected_memory(extent, terrain.elevation.size, Scheme(precision=precision))
     assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
 
 
@@ -57,7 +63,7 @@ def test_release_of_single_cells_between_the_places_that_are_looked_at_is_counte
     thickness[2:38:4, 2:38:4] = 2.0
     seen = []
     release = Release(thickness, terrain, placement="on_surface")
-    _, particles = build_scene(terrain, release, SAND, 20.0, 2.0, 8, accept=seen.append)
+    _, particles = build_scene(terrain, release, SAND, 20.0, Numerics(cell_size=2.0, particles_per_cell=8), accept=seen.append)
     (extent,) = seen
     assert extent.particles == pytest.approx(len(particles), rel=0.2)
     assert 4 <= extent.held <= 60
@@ -67,12 +73,15 @@ def test_release_of_single_cells_between_the_places_that_are_looked_at_is_counte
 def test_forecast_counts_ground_areas_and_drag(friction):
     terrain, release = valley(10.0, 4.0)
     seen = []
-    scene, particles = build_scene(terrain, release, SAND, 20.0, 3.0, 8, precision="float64", accept=seen.append)
+    scene, particles = build_scene(
+        terrain, release, SAND, 20.0, Numerics(cell_size=3.0, particles_per_cell=8, precision="float64"), accept=seen.append
+    )
     engines = [get_backend("scan", threads=1) for _ in range(2)]
     for engine, law in zip(engines, (0.2, friction), strict=True):
         engine.load(replace(scene, friction=(law,)), particles)
     plain, held = (sum(engine.memory().values()) for engine in engines)
-    forecasts = [expected_memory(seen[0], terrain.elevation.size, "float64", friction=law).backend for law in (None, friction)]
+    size, scheme = terrain.elevation.size, Scheme(precision="float64")
+    forecasts = [expected_memory(seen[0], size, scheme, friction=law).backend for law in (None, friction)]
     assert forecasts[1] == pytest.approx(held, rel=0.15)
     assert forecasts[1] - forecasts[0] == pytest.approx(held - plain, rel=0.2)
 
@@ -80,12 +89,14 @@ def test_forecast_counts_ground_areas_and_drag(friction):
 def test_forecast_of_aflip_counts_its_rows_and_its_second_grid():
     terrain, release = valley(10.0, 30.0)
     seen = []
-    scene, particles = build_scene(terrain, release, SAND, 20.0, 5.0, 8, precision="float64", accept=seen.append)
+    scene, particles = build_scene(
+        terrain, release, SAND, 20.0, Numerics(cell_size=5.0, particles_per_cell=8, precision="float64"), accept=seen.append
+    )
     engine = get_backend("scan", threads=1)
     engine.load(replace(scene, transfer="aflip", f_bar=True, materials=(SAND, SAND), friction=(0.3, 0.3), strength=()), particles)
     engine.step(engine.stable_step())
-    forecast = expected_memory(seen[0], terrain.elevation.size, "float64", None, "aflip", True)
-    plain = expected_memory(seen[0], terrain.elevation.size, "float64")
+    forecast = expected_memory(seen[0], terrain.elevation.size, Scheme(precision="float64", transfer="aflip", f_bar=True))
+    plain = expected_memory(seen[0], terrain.elevation.size, Scheme(precision="float64"))
     assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
     assert forecast.backend > 1.3 * plain.backend
 
@@ -135,10 +146,17 @@ def test_forecast_for_a_gpu_agrees_with_what_the_hash_backend_holds(case):
     cell, thickness, spacing, per_cell = CASES[case]
     terrain, release = valley(cell, thickness)
     seen = []
-    scene, particles = build_scene(terrain, release, SAND, 20.0, spacing, per_cell, accept=lambda extent: seen.append(extent))
+    scene, particles = build_scene(
+        terrain,
+        release,
+        SAND,
+        20.0,
+        Numerics(cell_size=spacing, particles_per_cell=per_cell),
+        accept=lambda extent: seen.append(extent),
+    )
     engine = get_backend("hash", "cpu")
     engine.load(scene, particles)
-    forecast = expected_memory(seen[0], terrain.elevation.size, "float32", OnCard())
+    forecast = expected_memory(seen[0], terrain.elevation.size, Scheme(precision="float32"), OnCard())
     assert forecast.on_device
     assert forecast.backend == pytest.approx(engine.bytes_used(), rel=0.15)
 
@@ -153,18 +171,19 @@ def test_forecast_for_a_gpu_counts_the_masses_of_releases_whose_frictions_differ
             replace(release, name=str(n), thickness=release.thickness * part, basal_friction=Voellmy(mu=0.2, xi=x))
             for n, (part, x) in enumerate(zip((west, ~west), (1000.0, xi), strict=True))
         ]
-        scene, _ = build_scene(terrain, pair, SAND, 20.0, 5.0, 8, accept=seen.append)
-    alike, mixed = (expected_memory(e, 1, "float32", OnCard(), friction=pair[0].basal_friction).backend for e in seen)
+        scene, _ = build_scene(terrain, pair, SAND, 20.0, Numerics(cell_size=5.0, particles_per_cell=8), accept=seen.append)
+    friction = pair[0].basal_friction
+    alike, mixed = (expected_memory(e, 1, Scheme(), OnCard(), friction=friction).backend for e in seen)
     assert [extent.mixed for extent in seen] == [1, scene.basal.mixed] == [1, 2]
     assert mixed - alike >= 2 * contact_area.PLAN * 4 * seen[1].nodes_on_device
 
 
 def test_forecast_for_a_gpu_is_that_of_its_own_figures():
     terrain, release = valley(10.0, 60.0)
-    scene, _ = build_scene(terrain, release, SAND, 20.0, 10.0)
+    scene, _ = build_scene(terrain, release, SAND, 20.0, Numerics(cell_size=10.0))
     extent = expected_extent([release], scene.surface, (2.0, 2.0, 2.0), particles_per_axis(8))
     assert 1e6 < extent.particles < 5e6
     for precision, published in (("float32", 140), ("float64", 250)):  # docs/benchmarks/gpu.md at 1 to 10 million
-        forecast = expected_memory(extent, terrain.elevation.size, precision, OnCard())
+        forecast = expected_memory(extent, terrain.elevation.size, Scheme(precision=precision), OnCard())
         assert forecast.on_device
         assert forecast.backend / extent.particles == pytest.approx(published, rel=0.25)

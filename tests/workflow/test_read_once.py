@@ -168,3 +168,20 @@ def test_a_check_loads_no_compiler_whether_the_kernels_are_known_or_not(cost):
     done = subprocess.run([sys.executable, "-c", code, str(JACKSBORO)], capture_output=True, text=True, check=False)
     assert "time      about" in done.stdout, done.stderr
     assert done.stdout.splitlines()[-1] == ""
+
+
+def test_other_settings_read_only_what_depends_on_them_again(tmp_path, readings):
+    site = read_site(write_full_site(tmp_path / "ramp"))
+    site.data()
+    before = dict(readings[0])
+    assert before["dem.tif"] == before["points.gpkg"] == 1
+    site.with_settings(probes=None).data()
+    site.on_device("cpu").data()
+    assert dict(readings[0]) == before
+    other = site.with_settings(probes=site.settings.probes.model_copy(update={"cross_sections": None}))
+    assert not other.data().probes.cross_sections
+    assert dict(readings[0]) == before | {"points.gpkg": 2}
+    terrain = site.settings.terrain.model_copy(update={"obstacles": None})
+    flat = [one.terrain().elevation[:, 30:].max() for one in (site, site.with_settings(terrain=terrain))]
+    assert flat == [3.0, 0.0]
+    assert readings[0]["dem.tif"] == 2

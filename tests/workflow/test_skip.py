@@ -10,6 +10,7 @@ from ramp_site import CELL, ramp
 from docs.pages.skip import page
 from runout import DruckerPrager, Release, Terrain
 from runout.backends.protocol import get_backend
+from runout.model.numerics import Numerics
 from runout.simulation.run import RunControl
 from runout.simulation.scenario import build_scene
 from tests.benchmarks import skip
@@ -25,7 +26,9 @@ def slab_on_a_ramp(columns=slice(None), end_time=14.0):
     thickness[9:15, 5:11] = 8.0
     terrain = Terrain(elevation, (CELL, CELL))
     release = Release(thickness, terrain, placement="on_surface")
-    scene, particles = build_scene(terrain, release, SAND, 18.0, 10.0, cfl=0.4)  # steps short enough to leave some out
+    scene, particles = build_scene(
+        terrain, release, SAND, 18.0, Numerics(cell_size=10.0, cfl=0.4)
+    )  # steps short enough to leave some out
     return scene, particles, RunControl(end_time)
 
 

@@ -12,9 +12,10 @@ import runout
 from runout.errors import ConfigError, MaterialError
 from runout.forecast.stiffness import chosen_moduli, extremes, sentence_of, stiffness
 from runout.io.netcdf import read_attributes
+from runout.model.numerics import Numerics
 from runout.model.parameters import parameter
 from runout.simulation.checkpoint import run_key
-from runout.simulation.scenario import build_scene
+from runout.simulation.scenario import build_scene, scene_arguments
 from runout.workflow.check import inspect
 from runout.workflow.check_stiffness import lines, member_stiffness
 
@@ -186,15 +187,13 @@ def test_waves_are_three_to_six_times_as_fast_as_a_real_flow(tmp_path):
 
 def test_a_run_goes_on_only_with_the_modulus_that_it_began_with(tmp_path):
     arguments = arguments_of(tmp_path)
-    names = ("terrain", "release", "material", "basal_friction_angle", "cell_size", "particles_per_cell", "cfl")
-    given = {name: arguments[name] for name in names}
 
     def key(**changed):
-        return run_key(*build_scene(**given | changed))
+        return run_key(*build_scene(**scene_arguments(arguments | changed)))
 
-    modulus_now = build_scene(**given)[0].materials[0].youngs_modulus
-    assert key() == key() == key(material=replace(given["material"], youngs_modulus=modulus_now))
-    assert key() != key(material=replace(given["material"], wave_ratio=5.0))
+    modulus_now = build_scene(**scene_arguments(arguments))[0].materials[0].youngs_modulus
+    assert key() == key() == key(material=replace(arguments["material"], youngs_modulus=modulus_now))
+    assert key() != key(material=replace(arguments["material"], wave_ratio=5.0))
 
 
 def test_members_choose_by_their_own_friction_and_files_and_run_json_tell_the_number(tmp_path):
@@ -207,7 +206,7 @@ def test_members_choose_by_their_own_friction_and_files_and_run_json_tell_the_nu
         attributes = read_attributes(path)
         sample = json.loads(attributes["parameters"])
         own = site.member_arguments(sample)
-        scene = build_scene(own["terrain"], own["release"], own["material"], own["basal_friction_angle"], own["cell_size"], 8)[0]
+        scene = build_scene(**scene_arguments(own | {"particles_per_cell": 8}))[0]
         assert attributes["youngs_modulus"] == scene.materials[0].youngs_modulus
         assert attributes["wave_speed"] == pytest.approx(scene.wave_speed)
         (expected,) = member_stiffness(site, own["release"], None, [sample])
@@ -226,7 +225,7 @@ def test_a_sampled_modulus_counts_as_it_is(tmp_path):
     site = runout.read_site(write_site(tmp_path / "site", AUTO.replace("  parameters:\n", moduli)))
     own = site.member_arguments({"youngs_modulus": 3e6, "basal_friction_angle_deg": 12.0})
     assert own["material"].youngs_modulus == 3e6
-    scene = build_scene(own["terrain"], own["release"], own["material"], 12.0, 10.0, 8)[0]
+    scene = build_scene(own["terrain"], own["release"], own["material"], 12.0, Numerics(cell_size=10.0, particles_per_cell=8))[0]
     assert scene.materials[0].youngs_modulus == 3e6
 
 

@@ -28,23 +28,21 @@ class CompilingAhead:
         One for each release; their laws count, not their numbers.
     friction : BasalFriction
         Its law counts.
-    precision : str
-        "float32" or "float64".
+    choices : dict
+        Those of :meth:`runout.model.numerics.Scheme.of_kernels`.
     zones : bool
         Whether the run has friction zones.
     structures : bool
         Whether the run has structures.
-    choices : dict
-        ``transfer``, ``f_bar``, ``sleep_speed`` and ``substeps`` of :class:`runout.model.scene.Scene`.
     marked : callable, optional
         Called with the file that marks the kernels as compiled, when it is there.
     """
 
     def __init__(
-        self, materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any],
+        self, materials: tuple[Material, ...], friction: BasalFriction, choices: dict[str, Any], *, zones: bool,
         structures: bool = False, marked: Callable[[Path], None] | None = None,
     ):  # fmt: skip
-        slope = small_slope(materials, friction, precision)[0]
+        slope = small_slope(materials, friction, choices["precision"])[0]
         more = {"friction_zones": slope.friction_zones if zones else None, "structures": side_wall() if structures else None}
         scene = replace(slope, **more, **choices)  # type: ignore[arg-type]
         self.before = _stored()

@@ -9,6 +9,7 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
 from runout.model.limits import CFL
 from runout.model.materials import Material
+from runout.model.numerics import Numerics
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
@@ -81,10 +82,8 @@ class Layout:
         thickness[middle : middle + WIDTH, start : start + WIDTH] = self.thickness * self.h
         release = Release.from_array(thickness, terrain, Placement(self.placement))
         sizes = (self.h, self.h, self.h * self.flatness)
-        scene, p = build_scene(
-            terrain, release, self.material(), self.basal, sizes, self.per_cell, cfl=self.cfl, precision=self.precision,
-            transfer=self.transfer, flip_ratio=self.flip_ratio, f_bar=self.f_bar,
-        )  # fmt: skip
+        numerics = Numerics.of({**vars(self), "cell_size": sizes, "particles_per_cell": self.per_cell})
+        scene, p = build_scene(terrain, release, self.material(), self.basal, numerics)
         if self.keep is not None:
             p = p.take(np.arange(self.keep) * (len(p) // self.keep))
             p.strain[:] = 0.0  # no mass remains above them

@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.backends.protocol import get_backend
 from runout.forecast.memory import Extent, expected_memory
+from runout.model.numerics import Numerics, Scheme
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
 from runout.studies.timing import memory_of
@@ -48,9 +49,15 @@ def forecasts() -> list[dict[str, Any]]:
 def _forecast(cell: float) -> dict[str, Any]:
     ground, extents = site.terrain(), list[Extent]()
     build_scene(
-        ground, site.release(ground), site.ROCK_AND_ICE, site.BASAL_ANGLE, cell, PER_CELL, accept=extents.append, in_chunks=True
+        ground,
+        site.release(ground),
+        site.ROCK_AND_ICE,
+        site.BASAL_ANGLE,
+        Numerics(cell_size=cell, particles_per_cell=PER_CELL),
+        accept=extents.append,
+        in_chunks=True,
     )
-    found = expected_memory(extents[0], ground.elevation.size, "float32", on_card())
+    found = expected_memory(extents[0], ground.elevation.size, Scheme(precision="float32"), on_card())
     held = {"particles": extents[0].particles, "nodes": NODES * extents[0].nodes_on_device}
     return {"cell": cell, **held, "device_bytes": found.backend, "host_bytes": found.host}
 
@@ -85,7 +92,12 @@ def one_run(cell: float, device: str, end_time: float) -> dict[str, Any]:
     ground = site.terrain()
     engine = get_backend("scan" if device == "cpu" else "hash", device, THREADS)
     scene, particles = build_scene(
-        ground, site.release(ground), site.ROCK_AND_ICE, site.BASAL_ANGLE, cell, PER_CELL, in_chunks=True
+        ground,
+        site.release(ground),
+        site.ROCK_AND_ICE,
+        site.BASAL_ANGLE,
+        Numerics(cell_size=cell, particles_per_cell=PER_CELL),
+        in_chunks=True,
     )
     watch = Watch(engine, len(particles))
     run = Run(engine, scene, RunControl(end_time), watch.look, None)

@@ -1,0 +1,122 @@
+"""Numerics of a run: grid, particles, time step, precision and transfer, in one record from site.yaml and Python to the scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+from runout.errors import ConfigError, StabilityError
+from runout.model.limits import CFL, LARGEST_CFL, checked, is_number, spacing_of
+
+TRANSFERS = ("mls", "apic", "aflip")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scheme:
+    """Choices of a step. Each is a setting of ``simulation`` in site.yaml and an argument of :func:`runout.simulate`.
+
+    Parameters
+    ----------
+    cfl : float
+        Courant number of the acoustic limit, at most 0.6. The limit of an isolated particle can shorten the steps.
+    precision : str
+        "float32" or "float64".
+    transfer : str
+        How stress, strain and velocity pass between particles and grid: "mls" (packed in the affine matrix), "apic" (gradients of
+        the weights) or "aflip" (apic, and particles keep a part of their own velocity).
+    flip_ratio : float
+        That fraction, 0 to 1; for "aflip" only.
+    f_bar : bool
+        Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
+    sleep_speed : float
+        Blocks slower than this [m/s] rest until something moves beside them; 0 switches it off; "scan" only.
+    substeps : int
+        Most substeps of a transfer between particles and grid, 1 to 64 (:mod:`runout.physics.substeps`).
+
+    Raises
+    ------
+    ConfigError, StabilityError
+        If a value is out of range or choices do not work together.
+    """
+
+    cfl: float = CFL
+    precision: str = "float32"
+    transfer: str = "mls"
+    flip_ratio: float = 0.95
+    f_bar: bool = False
+    sleep_speed: float = 0.0
+    substeps: int = 1
+
+    def __post_init__(self) -> None:
+        if not is_number(self.cfl):
+            raise ConfigError(f"cfl is {self.cfl!r}; it must be a number, {CFL:g} is usual")
+        if not 0 < self.cfl <= LARGEST_CFL:
+            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
+        if self.precision not in ("float32", "float64"):
+            raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
+        if self.transfer not in TRANSFERS:
+            raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
+        checked("flip_ratio", self.flip_ratio, error=ConfigError)
+        checked("sleep_speed", self.sleep_speed, error=ConfigError)
+        if self.sleep_speed and (self.f_bar or not self.packed):
+            raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
+        checked("substeps", self.substeps, error=ConfigError)
+        if self.substeps != int(self.substeps):
+            raise ConfigError(f"substeps is {self.substeps!r}; it must be a whole number")
+        if self.substeps > 1 and (self.f_bar or self.sleep_speed or not self.packed):
+            also = "it works with transfer mls, without f_bar and sleep_speed; leave these out, or substeps"
+            raise ConfigError(f"substeps is {self.substeps}; {also}")
+
+    @classmethod
+    def names(cls) -> set[str]:
+        """Names of the choices."""
+        return {f.name for f in fields(cls)}
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Self:
+        """The record with the values of a mapping that have the names of choices; defaults for the others."""
+        return cls(**{name: values[name] for name in cls.names() & values.keys()})
+
+    def scheme(self) -> dict[str, Any]:
+        """The choices of :class:`Scheme` by name."""
+        return {f.name: getattr(self, f.name) for f in fields(Scheme)}
+
+    def of_kernels(self) -> dict[str, Any]:
+        """The choices that change which kernels are compiled."""
+        return {name: value for name, value in self.scheme().items() if name not in ("cfl", "flip_ratio")}
+
+    @property
+    def packed(self) -> bool:
+        """Whether stress and strain pass through the affine matrix, not through the gradients of the weights."""
+        return self.transfer == "mls"
+
+    @property
+    def keeps(self) -> float:
+        """Part of its own velocity that a particle keeps [1]."""
+        return self.flip_ratio if self.transfer == "aflip" else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numerics(Scheme):
+    """Choices of a run.
+
+    Parameters
+    ----------
+    cell_size : float or (dx, dy, dz)
+        Grid spacing [m].
+    particles_per_cell : int or (nx, ny, nz), optional
+        8 is (2, 2, 2). The default depends on the releases (:mod:`runout.release.arrangement`).
+    initial_stress : str
+        "at_rest": releases start with the stress of their own weight; "none": without stress.
+    seed : int
+        Seed of the positions of the particles.
+    """
+
+    cell_size: float | tuple[float, float, float]
+    particles_per_cell: int | tuple[int, int, int] | None = None
+    initial_stress: str = "at_rest"
+    seed: int = 0
+
+    @property
+    def spacing(self) -> tuple[float, float, float]:
+        """Grid spacing (dx, dy, dz) [m]; ConfigError if it is out of range."""
+        return spacing_of(self.cell_size)
