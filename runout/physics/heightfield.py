@@ -31,11 +31,16 @@ def smoothness(farther_before: Any, before: Any, here: Any, after: Any, farther_
     Smooth: the three in the middle have one sign and differ by a factor of 1.6 at most, and the outer two do not outweigh those
     beside them with the other sign. All parabolas are smooth, and waves of at least nine spacings.
     """
-    low = min(min(before, after), min(here, min(farther_before + before, after + farther_after)))
-    high = max(max(before, after), max(here, max(farther_before + before, after + farther_after)))
-    least = max(real(0.0), max(low, -high))
-    largest = max(abs(here), max(abs(before), abs(after)))
+    low, high = min(here, min(before, after)), max(here, max(before, after))
+    largest = max(high, -low)
+    outer_before, outer_after = farther_before + before, after + farther_after
+    least = max(real(0.0), max(min(low, min(outer_before, outer_after)), -max(high, max(outer_before, outer_after))))
     return min(real(1.0), max(real(0.0), real(8.0) * least / (largest + real(1.0e-30)) - real(4.0)))
+
+
+def smooth_coefficient(here: Any, before: Any, after: Any, weight: Any):
+    """:func:`spline_coefficient` [m] on smooth ground."""
+    return here - weight * (before + after)
 
 
 def spline_coefficient(here: Any, before: Any, after: Any, smooth: Any, weight: Any):
@@ -59,9 +64,10 @@ def spline_coefficient(here: Any, before: Any, after: Any, smooth: Any, weight: 
         1/4 for point values at the spacing, see :func:`weight_of_means`; 1/2 for point values at half of it.
     """
     change = -weight * (before + after)
-    both = max(real(0.0), min(before, after)) + min(real(0.0), max(before, after))  # the smaller one, 0 for two signs
+    low, high = min(before, after), max(before, after)
+    both = max(real(0.0), low) + min(real(0.0), high)  # the smaller one, 0 for two signs
     bounded = change - real(2.0) * max(real(0.0), real(1.0) / real(3.0) - weight) * both
-    bounded = max(min(bounded, real(0.8) * abs(max(before, after))), real(-0.8) * abs(min(before, after)))
+    bounded = max(min(bounded, real(0.8) * abs(high)), real(-0.8) * abs(low))
     return here + smooth * change + (real(1.0) - smooth) * bounded
 
 

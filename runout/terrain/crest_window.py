@@ -80,7 +80,8 @@ def _reached(ground: np.ndarray, cell: tuple[float, float], box: Box, top: float
     ]
     start = np.zeros(ground.shape, bool)
     start[tuple(slice(*sides) for sides in box)] = True
-    reach = below_energy_line(ground, start, np.hypot(aside[0][:, None], aside[1]), top, angle, cell)
+    distance = np.add.outer(aside[0] ** 2, aside[1] ** 2)
+    reach = below_energy_line(ground, start, np.sqrt(distance, out=distance), top, angle, cell)
     cells = [np.flatnonzero(reach.any(axis=axis)) for axis in (1, 0)]
     return (int(cells[0][0]), int(cells[0][-1]) + 1), (int(cells[1][0]), int(cells[1][-1]) + 1)
 

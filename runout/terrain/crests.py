@@ -76,8 +76,10 @@ class Crests:
         parts = []
         for axis, (cell, other) in enumerate((cell_size, cell_size[::-1])):
             steps = 1 + math.ceil((1.0 - 1e-9) * other / spacing)
+            rows = np.ascontiguousarray(np.moveaxis(z, axis, 0))
+            rough = 1.0 - smoothness_along(rows)
             for sign in (1.0, -1.0):
-                place, found = _along(sign * np.moveaxis(z, axis, 0), spacing, steps)
+                place, found = _along(sign * rows, rough, spacing, steps)
                 elevation, height, weight, tilt, trust, is_lid = found
                 along, across = corner[axis] + (place[0] + 0.5) * cell, corner[1 - axis] + (place[1] + 0.5) * other
                 fixed = (np.full(len(weight), value) for value in (axis, cell))
@@ -179,55 +181,65 @@ def _slope(rises: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.where(t < 0.5, rises[1] + (t - 0.5) * (rises[1] - rises[0]), rises[1] + (t - 0.5) * (rises[2] - rises[1]))
 
 
-def _along(z: np.ndarray, spacing: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Crests along axis 0 of elevations (n, m) [m]: places (2, k) [cells], and values (6, k).
+def _along(z: np.ndarray, rough: np.ndarray, spacing: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Crests along axis 0 of elevations (n, m) [m], how ``rough`` these are: places (2, k) [cells], and values (6, k).
 
-    These are the elevations, heights [m], weights, tilts [m/cell], trust and whether it is a lid. A crest is one to :data:`WIDEST`
-    cells of one elevation over the tilt of the ground; its place is their middle. Between two rows it runs straight, with a point
-    at each of so many ``steps``.
+    The values are the elevations, heights [m], weights, tilts [m/cell], trust and whether it is a lid. A crest is one to
+    :data:`WIDEST` cells of one elevation over the tilt of the ground; its place is their middle. Between two rows it runs
+    straight, with a point at each of so many ``steps``.
     """
     n, m = z.shape
     rows = np.pad(z, ((WIDEST, WIDEST), (0, 0)), mode="edge")
-    rises, rough = np.diff(rows, axis=0), 1.0 - smoothness_along(z)
+    rises = np.diff(rows, axis=0)
+    first, j, wide = _bulges(rises, rough)
+    tilt, doubt = _tilt(rows, first, first + wide, j)
+    fall, height = _over_tilt(rows, first, first + wide, j, tilt)
+    is_level = (height > 0.0) & (fall > LEVEL * height)
+    for k in range(1, WIDEST):
+        is_level &= (k > wide) | (np.abs(rows[first + WIDEST + k, j] - z[first, j] - k * tilt) <= LEVEL * height)
+    first, j, wide, tilt, height, doubt = (values[is_level] for values in (first, j, wide, tilt, height, doubt))
+    last = first + wide
+    place = 0.5 * (first + last) + _aside(rows, first, last, j, height, tilt)
+    weight = np.minimum(rough[first, j], rough[last, j])
+    weight *= np.clip((height / spacing - LOWEST) / (HIGHEST - LOWEST), 0.0, 1.0)
+    trust = np.clip(1.0 - BESIDE * doubt / height, LEAST_TRUST, 1.0)
     halves = np.zeros((7, 2 * n, m))  # elevation, height, weight, tilt, trust, lid and place at half cells, where a crest is
-    edges: list[tuple[np.ndarray, np.ndarray]] = []
-    for wide in range(min(WIDEST, n)):
-        first, j = _bulges(rises, rough, wide)
-        tilt, doubt = _tilt(rows, first, first + wide, j)
-        fall, height = _over_tilt(rows, first, first + wide, j, tilt)
-        is_level = (height > 0.0) & (fall > LEVEL * height)
-        for k in range(1, wide + 1):
-            is_level &= np.abs(rows[first + WIDEST + k, j] - z[first, j] - k * tilt) <= LEVEL * height
-        first, j, tilt, height, doubt = (values[is_level] for values in (first, j, tilt, height, doubt))
-        last = first + wide
-        place = 0.5 * (first + last) + _aside(rows, first, last, j, height, tilt)
-        weight = np.minimum(rough[first, j], rough[last, j])
-        weight *= np.clip((height / spacing - LOWEST) / (HIGHEST - LOWEST), 0.0, 1.0)
-        trust = np.clip(1.0 - BESIDE * doubt / height, LEAST_TRUST, 1.0)
-        halves[:, first + last, j] = z[first, j] + tilt * (place - first), height, weight, tilt, trust, 0.0 * trust, place
-        for edge in (first, last) if wide > 1 else ():
-            edges.append((np.stack([edge, j]), np.stack([z[edge, j], height, weight, tilt, trust, np.ones(len(j))])))
+    halves[:, first + last, j] = z[first, j] + tilt * (place - first), height, weight, tilt, trust, 0.0 * trust, place
     crest = halves[2] > 0.0
-    i, j = np.nonzero(crest)
-    found = [(np.stack([halves[-1, i, j], j]), halves[:-1, i, j]), *edges]
-    found += [_between(z, halves, crest, apart, steps) for apart in range(-APART, APART + 1)]
+    row, column = _indices(crest)
+    found = [(np.stack([halves[-1, row, column], column]), halves[:-1, row, column])]
+    for cells in range(2, WIDEST):
+        for edge in (first, last):
+            e, c, *of_edge = (values[wide == cells] for values in (edge, j, height, weight, tilt, trust))
+            found.append((np.stack([e, c]), np.stack([z[e, c], *of_edge, np.ones(len(e))])))
+    found.append(_between(z, halves, crest, row, column, steps))
     places, values = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
     some = values[2] > 0.0
     return places[:, some], values[:, some]
 
 
-def _bulges(rises: np.ndarray, rough: np.ndarray, wide: int) -> tuple[np.ndarray, np.ndarray]:
-    """First cells (2, k) of all that may be crests of ``wide + 1`` cells: the ground rises more before it and less behind it.
+def _bulges(rises: np.ndarray, rough: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First cells (2, k) of all that may be crests, and how many cells more these have: the ground rises more before, less behind.
 
     ``rises`` are those from each cell to the next one [m], with :data:`WIDEST` more at both ends.
     """
-    count = len(rough) - wide
-    part = [rises[WIDEST - 1 + k : WIDEST - 1 + k + count] for k in range(wide + 2)]
-    may = (part[0] > part[-1]) & (np.minimum(rough[:count], rough[wide:]) > 0.0)
-    for inner in part[1:-1]:
-        may &= (part[0] > inner) & (inner > part[-1])
-    first, j = np.nonzero(may)
-    return first, j
+    found, is_rough = [], rough > 0.0
+    for wide in range(min(WIDEST, len(rough))):
+        count = len(rough) - wide
+        part = [rises[WIDEST - 1 + k : WIDEST - 1 + k + count] for k in range(wide + 2)]
+        may = (part[0] > part[-1]) & is_rough[:count] & is_rough[wide:]
+        for inner in part[1:-1]:
+            may &= (part[0] > inner) & (inner > part[-1])
+        first, j = _indices(may)
+        found.append((first, j, np.full(len(first), wide)))
+    first, j, wides = (np.concatenate(part) for part in zip(*found, strict=True))
+    return first, j, wides
+
+
+def _indices(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second index (k,) of what is true in an array (n, m); numpy's nonzero takes ten times as long."""
+    first, second = np.divmod(np.flatnonzero(mask), mask.shape[1])
+    return first, second
 
 
 def _tilt(rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -266,12 +278,18 @@ def _aside(
     return aside
 
 
-def _between(z: np.ndarray, halves: np.ndarray, crest: np.ndarray, apart: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points between crests of neighbouring rows that are ``apart`` half cells, at each of ``steps``, if no gap is there."""
-    first, last = max(0, -apart), len(crest) - max(0, apart)
-    i, j = np.nonzero(crest[first:last, :-1] & crest[first + apart : last + apart, 1:])
-    i += first
-    here, there = halves[:, i, j], halves[:, i + apart, j + 1]
+def _between(
+    z: np.ndarray, halves: np.ndarray, crest: np.ndarray, row: np.ndarray, column: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points at each of ``steps`` between crests of neighbouring rows, at most :data:`APART` half cells apart, if no gap is there.
+
+    ``halves`` (7, 2 n, m) are the values of :func:`_along`; ``row`` and ``column`` (k,) tell what is a ``crest`` (2 n, m).
+    """
+    beside = np.pad(crest, ((APART, APART), (0, 1))).ravel()
+    apart = np.arange(2 * APART + 1)[:, None]
+    which = np.nonzero(beside[(row + apart) * (crest.shape[1] + 1) + column + 1])
+    i, j = row[which[1]], column[which[1]]
+    here, there = halves[:, i, j], halves[:, i + which[0] - APART, j + 1]
     share = np.arange(1, steps)[:, None] / steps  # of the way
     along = here[[0, 3, 6], None] + share * (there - here)[[0, 3, 6], None]  # (3, steps - 1, k)
     least = np.minimum(here, there)[[1, 2, 4, 5]]

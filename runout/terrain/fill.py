@@ -17,7 +17,7 @@ def continued(elevation: np.ndarray, cell_size: tuple[float, float], reach: floa
     """
     unknown = np.isnan(elevation)
     if not unknown.any():
-        return np.array(elevation)
+        return elevation
     nearest = _nearest(unknown, cell_size)
     z = elevation[nearest]
     here = np.stack(np.nonzero(unknown))

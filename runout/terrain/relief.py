@@ -7,10 +7,13 @@ terrain is; and at what stands out of the roughness around it, since dams, gulli
 """
 
 import math
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from runout.physics import heightfield
+from runout.model.surface import Surface, by_blocks
+from runout.physics import bspline, heightfield
 from runout.terrain.crests import Crests
 
 SMOOTH = 8.0, 5.5  # cells in a wave, of the raster and of the grid: relief of longer ones than the one is smooth, of the other not
@@ -21,37 +24,84 @@ AROUND = 11  # cells across the window of that share
 STAND_OUT = 5.0, 10.0  # times the roughness: what differs from the ground around it by the one is filtered, by the other kept
 WINDOW = 31  # cells across the window of the roughness
 BESIDE = 3  # cells to the ground on each side
+STRIP = 100_000  # numbers that are weighted at once
 LEAST = 1e-9  # of all heights: differences that rounding makes
 
 
 def filtered(z: np.ndarray, half_width: float, places: np.ndarray) -> np.ndarray:
-    """Means (k, m) of elevations (n, m) along axis 0 over a triangle around each of k ``places``.
+    """Means (k, m) of elevations (n, m) along axis 0 over a triangle around each of k ``places``: :func:`filter_weights`."""
+    return np.asarray(filter_weights(len(z), half_width, places) @ z)
+
+
+def filter_weights(count: int, half_width: float, places: np.ndarray) -> Any:
+    """Sparse matrix (k, ``count``) of means of elevations over a triangle around each of k ``places``.
 
     The raster is taken as linear between the middles of its cells, without its waves of two cells. Planes stay; no extremum
     arises that the elevations do not have. Beyond the rim the ground is mirrored at the outermost cell.
 
     Parameters
     ----------
-    z : ndarray (n, m)
-        [m]
+    count : int
+        Cells of the raster.
     half_width : float
         Of the triangle [cells].
     places : ndarray (k,)
         [cells], 0 in the middle of the first cell.
     """
+    half_width = max(half_width, NARROWEST)
+    reach = int(np.ceil(half_width)) + 2
+    cell = np.floor(places).astype(np.int64)[:, None] + np.arange(-reach, reach + 2)
+    return _matrix(cell, _weights(cell - places[:, None], half_width), count)
+
+
+def mean_weights(count: int, each: int) -> Any:
+    """Sparse matrix (k, ``count``) of means of ``each`` cells; the last ones may lie beyond the rim."""
+    cell = np.arange(0, count, each)[:, None] + np.arange(each)
+    return _matrix(cell, np.full(cell.shape, 1.0 / each), count)
+
+
+def spline_weights(surface: Surface, axis: int, positions: np.ndarray) -> Any:
+    """Sparse matrix (k, n) of elevations at ``positions`` (k,) [m] from the n coefficients of a surface along an axis."""
+    first, offset = surface.patch(positions, axis)
+    weight = np.stack(bspline.weights(offset), axis=1)
+    return _matrix(first[:, None] + np.arange(3), weight, surface.coefficients.shape[axis])
+
+
+def _matrix(cell: np.ndarray, weight: np.ndarray, count: int) -> Any:
+    """Sparse matrix (k, ``count``) with the ``weight`` (k, t) of each ``cell`` (k, t), mirrored at the outermost cells."""
     from scipy import sparse
 
-    half_width = max(half_width, NARROWEST)
-    reach, last = int(np.ceil(half_width)) + 2, len(z) - 1
-    cell = np.floor(places).astype(np.int64)[:, None] + np.arange(-reach, reach + 2)
-    weight = _weights(cell - places[:, None], half_width)
-    rim = np.where(cell < 0, 0, last)
-    beyond = (cell < 0) | (cell > last)
-    inside = np.clip(np.where(beyond, 2 * rim - cell, cell), 0, last)
-    row = np.broadcast_to(np.arange(len(places))[:, None], cell.shape)
+    rim = np.where(cell < 0, 0, count - 1)
+    beyond = (cell < 0) | (cell >= count)
+    inside = np.clip(np.where(beyond, 2 * rim - cell, cell), 0, count - 1)
+    row = np.broadcast_to(np.arange(len(cell))[:, None], cell.shape)
     entries = np.concatenate([np.where(beyond, -weight, weight).ravel(), 2.0 * weight[beyond]])
     at = np.concatenate([row.ravel(), row[beyond]]), np.concatenate([inside.ravel(), rim[beyond]])
-    return np.asarray(sparse.csr_array((entries, at), shape=(len(places), len(z))) @ z)
+    return sparse.csr_array((entries, at), shape=(len(cell), count))
+
+
+def along_both(rows: Any, values: np.ndarray, columns: Any) -> np.ndarray:
+    """Values (n, m) weighted along both axes by matrices (k, n) and (l, m): (k, l)."""
+    result = np.empty((rows.shape[0], columns.shape[0]))
+    for strip in strips(result.shape):
+        result[strip] = (columns @ (rows[strip] @ values).T).T
+    return result
+
+
+def between(values: np.ndarray, places: Sequence[np.ndarray]) -> np.ndarray:
+    """Values (nx, ny) of cells at all pairs of ``places`` [cells], linear between their middles."""
+    weights = []
+    for count, place in zip(values.shape, places, strict=True):
+        first = np.clip(np.floor(place).astype(np.int64), 0, max(count - 2, 0))
+        share = np.clip(place - first, 0.0, 1.0)
+        weights.append(_matrix(first[:, None] + np.arange(2), np.stack([1.0 - share, share], axis=1), count))
+    return along_both(weights[0], values, weights[1])
+
+
+def strips(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Rows of an array that are made at once, so that they stay in the cache."""
+    size = max(1, STRIP // shape[1])
+    return (slice(first, first + size) for first in range(0, shape[0], size))
 
 
 def _weights(x: np.ndarray, half_width: float) -> np.ndarray:
@@ -69,15 +119,30 @@ def two_cell_share(z: np.ndarray) -> np.ndarray:
     The oscillation of two cells that the fourth differences show over that of the second ones, root mean squares in a window,
     along the axis where it is larger. 0 where the ground is plane.
     """
-    from scipy import ndimage
+    least = (4 * AROUND) ** 2 * (1e-24 * float(np.square(np.ptp(z))) + 1e-300)
+    beside = AROUND // 2 + 2
+    return by_blocks(lambda part: np.maximum(_share_along(part, least), _share_along(part.T, least).T), z, (beside, beside))
 
-    worst, least = np.zeros(z.shape), 1e-24 * float(np.square(np.ptp(z))) + 1e-300
-    for axis in (0, 1):
-        bend = _two_cell_waves(np.pad(np.moveaxis(z, axis, 0), ((2, 2), (0, 0)), mode="reflect", reflect_type="odd"))
-        squares = [ndimage.uniform_filter(v * v, AROUND, mode="nearest") for v in (_two_cell_waves(bend), bend[1:-1])]
-        share = np.sqrt(np.maximum(squares[0], 0.0) / np.maximum(squares[1], least))
-        worst = np.maximum(worst, np.moveaxis(share, 0, axis))
-    return worst
+
+def _share_along(z: np.ndarray, least: float) -> np.ndarray:
+    """:func:`two_cell_share` along axis 0; where the sum of squares of bends is below the ``least`` [m2], the ground is plane."""
+    bend = _bend(np.concatenate([2.0 * z[:1] - z[2:0:-1], z, 2.0 * z[-1:] - z[-2:-4:-1]]))
+    squares = [window_sums(window_sums(v * v, AROUND).T, AROUND).T for v in (_bend(bend), bend[1:-1])]
+    return np.asarray(0.25 * np.sqrt(squares[0] / np.maximum(squares[1], least)))  # second differences: 4 times the oscillation
+
+
+def window_sums(values: np.ndarray, width: int) -> np.ndarray:
+    """Sums (n, m) along axis 0 of ``width`` values around each; beyond the rim stand those of the outermost cells."""
+    beside, count = width // 2, len(values)
+    ends = [np.broadcast_to(end, (beside, *values.shape[1:])) for end in (values[:1], values[-1:])]
+    part = np.concatenate([ends[0], values, ends[1]])  # sums of 1, 2, 4, ... values
+    total, size = part[:count], 1
+    for digit in f"{width >> 1:b}"[::-1]:
+        part, size = part[:-size] + part[size:], 2 * size
+        if digit == "1":
+            first = width & (size - 1)
+            total = total + part[first : first + count]
+    return total
 
 
 def stays(two_cell_share: np.ndarray, ratio: float, coarser: float = 1.0) -> np.ndarray:
@@ -125,13 +190,6 @@ def cells_of(crests: Crests, shape: tuple[int, int], size: tuple[float, float]) 
     return [(cells(x + aside, shape[0]), cells(y + aside, shape[1])) for aside in (-1e-6, 1e-6)]
 
 
-def between(values: np.ndarray, places: list[np.ndarray]) -> np.ndarray:
-    """Values (nx, ny) of cells at all pairs of ``places`` [cells], linear between their middles."""
-    from scipy import ndimage
-
-    return np.asarray(ndimage.map_coordinates(values, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest"))
-
-
-def _two_cell_waves(z: np.ndarray) -> np.ndarray:
-    """Amplitude [m] of an oscillation of two cells along axis 0 of elevations (n, m): (n - 2, m)."""
-    return -0.25 * heightfield.second_difference(z[:-2], z[1:-1], z[2:])
+def _bend(z: np.ndarray) -> np.ndarray:
+    """Second differences [m] along axis 0 of elevations (n, m): (n - 2, m)."""
+    return heightfield.second_difference(z[:-2], z[1:-1], z[2:])  # type: ignore[no-any-return]

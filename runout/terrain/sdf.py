@@ -9,7 +9,7 @@ import numpy as np
 
 from runout.errors import DemError
 from runout.model.nodal_surface import NodalSurface
-from runout.model.surface import Surface
+from runout.model.surface import REACH, Surface, by_blocks
 from runout.model.terrain import Terrain
 from runout.physics import heightfield, tensors
 from runout.terrain import crests, relief
@@ -40,7 +40,8 @@ def sliding_surface(
     raster = _raster(terrain, thickness_excavated, spacing)
     box, top = _extent(terrain, thickness_excavated, mass, raster.count)
     box = window(raster.means, raster.sizes, box, top, mass.angle if mass else 0.0, most_cells(raster.sizes, raster.grid))
-    key = content_key(raster.lattice, np.array([*raster.sizes, *raster.grid]), np.array([raster.count, *box]))
+    made_of = [raster.elevation] if raster.count == (1, 1) else [raster.means.T, raster.filtered.T]
+    key = content_key(*made_of, np.array([*raster.sizes, *raster.grid]), np.array([raster.count, *box]))
     return GROUNDS.get(key, lambda: _with_crests(raster, box))
 
 
@@ -50,8 +51,8 @@ class _Raster:
 
     Attributes
     ----------
-    lattice : ndarray (nx, ny)
-        Those of the cells, from the south-west corner on [m].
+    elevation : ndarray (rows, columns)
+        Those of the cells, north-west corner first [m].
     cell, grid : tuple of float
         Size of the cells, and spacing of the grid [m].
     count : tuple of int
@@ -60,7 +61,7 @@ class _Raster:
         Means of so many cells [m].
     """
 
-    lattice: np.ndarray
+    elevation: np.ndarray
     cell: tuple[float, float]
     grid: tuple[float, float]
     count: tuple[int, int]
@@ -81,33 +82,52 @@ class _Raster:
         """The surface through the means."""
         return Surface.through(self.means, self.sizes, (self.sizes[0] / 2, self.sizes[1] / 2), self.count)
 
+    def coefficients(self, box: Box) -> np.ndarray:
+        """Coefficients (k, l) [m] of the surface through the means, in a box of these."""
+        cells = tuple(slice(*sides) for sides in box)
+        if not self.on_cells:
+            return self.unfiltered.coefficients[cells]
+        around = [(max(0, low - REACH), high + REACH) for low, high in box]
+        part = Surface.through(self.means[tuple(slice(*sides) for sides in around)], self.sizes, averaged=self.count)
+        own = tuple(slice(low - first, high - first) for (low, high), (first, _) in zip(box, around, strict=True))
+        return part.coefficients[own]
+
+    @cached_property
+    def filtered(self) -> np.ndarray:
+        """Elevations (k, l) [m] of the relief that the grid can carry, where the surface has coefficients."""
+        widths = [h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
+        axes = enumerate(zip(self.elevation.shape[::-1], widths, strict=True))
+        east, north = (relief.filter_weights(count, width, self._places(axis)) for axis, (count, width) in axes)
+        return relief.along_both(north[:, ::-1], self.elevation, east).T
+
     @cached_property
     def stays(self) -> np.ndarray:
         """How much of each mean stays unfiltered, 0 to 1, whether it stands out or not."""
         ratio, coarser = (max(h / one for h, one in zip(self.grid, sizes, strict=True)) for sizes in (self.cell, self.sizes))
-        return relief.stays(relief.two_cell_share(self.means), ratio, coarser)
+        return by_blocks(lambda share: relief.stays(share, ratio, coarser), relief.two_cell_share(self.means), (0, 0))
 
     def surface(self) -> Surface:
         """The surface of the relief that the grid can carry, on its nodes; on the cells of the raster if these are coarser."""
-        places = [self._places(axis) for axis in (0, 1)]
-        x, y = ((place + 0.5) * cell for place, cell in zip(places, self.cell, strict=True))
-        widths = [h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
-        z = relief.filtered(relief.filtered(self.lattice, widths[0], places[0]).T, widths[1], places[1]).T
-        own = self.means if self.on_cells else self.unfiltered.on_lattice(x, y)
-        z += self.between(self.stays, x, y) * (own - z)
+        x, y = ((self._places(axis) + 0.5) * cell for axis, cell in enumerate(self.cell))
+        z = np.empty(self.filtered.shape)
+        if self.on_cells:
+            for strip in relief.strips(z.shape):
+                z[strip] = self.filtered[strip] + self.stays[strip] * (self.means[strip] - self.filtered[strip])
+        else:
+            spline = [relief.spline_weights(self.unfiltered, axis, place) for axis, place in enumerate((x, y))]
+            in_means = [place / size - 0.5 for place, size in zip((x, y), self.sizes, strict=True)]
+            for strip in relief.strips(z.shape):
+                own = relief.along_both(spline[0][strip], self.unfiltered.coefficients, spline[1])
+                stays = relief.between(self.stays, (in_means[0][strip], in_means[1]))
+                z[strip] = self.filtered[strip] + stays * (own - self.filtered[strip])
         return Surface.through(z, (float(x[1] - x[0]), float(y[1] - y[0])), (float(x[0]), float(y[0])))
 
     def _places(self, axis: int) -> np.ndarray:
         """Where the surface has coefficients along an axis [cells], 0 in the middle of the first cell."""
-        ratio, count = self.grid[axis] / self.cell[axis], self.lattice.shape[axis]
+        ratio, count = self.grid[axis] / self.cell[axis], self.elevation.shape[1 - axis]
         if self.on_cells:
             return np.arange(float(count))
         return np.arange(-1, max(math.ceil(count / ratio) + 2, 2)) * ratio - 0.5
-
-    def between(self, values: np.ndarray, x: np.ndarray, y: np.ndarray, first: tuple[int, int] = (0, 0)) -> np.ndarray:
-        """Values of the means from the ``first`` on, at all pairs of positions [m]."""
-        places = [place / size - one - 0.5 for place, size, one in zip((x, y), self.sizes, first, strict=True)]
-        return relief.between(values, places)
 
 
 def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
@@ -122,10 +142,10 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
     found = replace(found, weight=found.weight * share).take(share > 0.0).moved(corner)
     if not len(found.axis) and not edges.any():
         return NodalSurface(surface, grid)
-    own, middle = raster.unfiltered, (corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2)
-    own.coefficients[cells] = crests.kept(Surface(own.coefficients[cells], sizes, middle), found).coefficients
+    middle = corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2
+    own = crests.kept(Surface(raster.coefficients(box), sizes, middle), found).coefficients
     if raster.on_cells:
-        surface.coefficients[cells] += stays * (own.coefficients[cells] - surface.coefficients[cells])
+        surface.coefficients[cells] += stays * (own - surface.coefficients[cells])
         if not len(found.axis) or not needs_table(sizes, grid):
             return NodalSurface(surface, grid)
     low, high = (
@@ -133,10 +153,14 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
         for k, round_of, beyond in ((0, math.floor, -BEYOND), (1, math.ceil, BEYOND + 1))
     )
     start, shape = (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
-    x, y = ((one + np.arange(count)) * h for one, count, h in zip(start, shape, grid, strict=True))
-    nodes = crests.kept((surface if raster.on_cells else own).on_nodes(grid, start, shape), found).coefficients
-    share = 1.0 if raster.on_cells else raster.between(stays, x, y, first)
-    return NodalSurface(surface, grid, share * (nodes - surface.on_nodes(grid, start, shape).coefficients), start)
+    filtered = surface.on_nodes(grid, start, shape)
+    if raster.on_cells:
+        return NodalSurface(surface, grid, crests.kept(filtered, found).coefficients - filtered.coefficients, start)
+    raster.unfiltered.coefficients[cells] = own
+    nodes = crests.kept(raster.unfiltered.on_nodes(grid, start, shape), found)
+    places = [(one + np.arange(count)) * h for one, count, h in zip(start, shape, grid, strict=True)]
+    share = relief.between(stays, [place / size - one - 0.5 for place, size, one in zip(places, sizes, first, strict=True)])
+    return NodalSurface(surface, grid, share * (nodes.coefficients - filtered.coefficients), start)
 
 
 def raster_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: tuple[float, float]) -> Surface:
@@ -197,12 +221,16 @@ def _raster(terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: t
     if len(spacing) != 2 or not all(np.isfinite(h) and h > 0 for h in spacing):
         raise DemError(f"{terrain.source}: spacing of the sliding surface is {spacing} m; both numbers must be positive")
     reach = STENCIL * max(*spacing, *terrain.cell_size)
-    z = continued(terrain.elevation, terrain.cell_size, reach) - _excavated(terrain, thickness_excavated)
-    lattice = z[::-1].T  # (nx, ny), index 0 west and south
-    axes = zip(spacing, terrain.cell_size, lattice.shape, strict=True)
-    count = [min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in axes]
-    means = _block_means(_block_means(lattice, count[0]).T, count[1]).T
-    return _Raster(lattice, terrain.cell_size, (float(spacing[0]), float(spacing[1])), (count[0], count[1]), means)
+    z = continued(terrain.elevation, terrain.cell_size, reach)
+    if thickness_excavated is not None:
+        z = z - _excavated(terrain, thickness_excavated)
+    axes = zip(spacing, terrain.cell_size, z.shape[::-1], strict=True)
+    east, north = (min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in axes)
+    means = z[::-1].T
+    if (east, north) != (1, 1):
+        weights = relief.mean_weights(z.shape[0], north)[:, ::-1], relief.mean_weights(z.shape[1], east)
+        means = relief.along_both(weights[0], z, weights[1]).T
+    return _Raster(z, terrain.cell_size, (float(spacing[0]), float(spacing[1])), (east, north), means)
 
 
 def _extent(
@@ -210,30 +238,24 @@ def _extent(
 ) -> tuple[Box, float]:
     """Box of the lattice, ``count`` cells of the terrain each, that holds the mass, and the highest elevation of the mass [m]."""
     rows, columns = terrain.shape
-    if mass is None or not (mass.thickness > 0).any():
+    inside = [] if mass is None else [np.flatnonzero(mass.thickness.max(axis=axis) > 0) for axis in (0, 1)]
+    if mass is None or not len(inside[0]):
         return ((0, -(-columns // count[0])), (0, -(-rows // count[1]))), math.inf
-    row, column = np.nonzero(mass.thickness > 0)
-    dug = 0.0 if thickness_excavated is None else thickness_excavated[row, column]
-    top = float((terrain.elevation[row, column] - dug + mass.thickness[row, column]).max())
-    sides = [(int(n.min()) // each, int(n.max()) // each + 1) for n, each in zip((column, rows - 1 - row), count, strict=True)]
+    part = np.s_[inside[1][0] : inside[1][-1] + 1, inside[0][0] : inside[0][-1] + 1]
+    thickness, dug = mass.thickness[part], 0.0 if thickness_excavated is None else thickness_excavated[part]
+    top = float((terrain.elevation[part] - dug + thickness)[thickness > 0].max())
+    cells = zip((inside[0], rows - 1 - inside[1]), count, strict=True)
+    sides = [(int(n.min()) // each, int(n.max()) // each + 1) for n, each in cells]
     return (sides[0], sides[1]), top
 
 
-def _excavated(terrain: Terrain, thickness: np.ndarray | None) -> np.ndarray:
-    if thickness is None:
-        return np.zeros(terrain.shape)
+def _excavated(terrain: Terrain, thickness: np.ndarray) -> np.ndarray:
     t = np.asarray(thickness, dtype=np.float64)
     if t.shape != terrain.shape or not np.isfinite(t).all() or t.min() < 0:
         reason = f"shape {t.shape} on a terrain of {terrain.shape}, {int((~(t >= 0)).sum())} values negative or NaN"
         raise DemError(f"{terrain.source}: the excavated thickness does not fit ({reason}); give one number >= 0 for each cell")
     require_known(terrain, t > 0, "the excavated mass")
     return t
-
-
-def _block_means(values: np.ndarray, count: int) -> np.ndarray:
-    """Means of blocks of ``count`` cells along axis 0; the last block may reach beyond the raster."""
-    values = np.pad(values, ((0, -len(values) % count), (0, 0)), mode="reflect", reflect_type="odd")
-    return values.reshape(-1, count, values.shape[1]).mean(axis=1)  # type: ignore[no-any-return]
 
 
 def _tangent_plane(

@@ -83,10 +83,11 @@ def test_every_setting_is_in_the_new_file_with_its_description(site_folder):
 def test_every_optional_setting_is_valid_when_its_comment_sign_is_removed(site_folder):
     text = commented_yaml(load(site_folder))
     offered = [line for line in text.splitlines() if line.lstrip().startswith("# ") and ": " in line]
+    unchanged = load(site_folder)
     for key in ("resolution: 10", "volume: 1e5", "budget: {hours: 1, memory_gb: 8, disk_gb: 2}"):
         (line,) = [line for line in offered if line.strip() == f"# {key}"]
         (site_folder / "site.yaml").write_text(text.replace(line, line.replace("# ", "", 1)), encoding="utf-8")
-        load(site_folder)
+        assert load(site_folder) != unchanged, key
 
 
 def test_written_settings_read_back_as_they_were(edited):

@@ -76,7 +76,8 @@ def test_transfer_of_the_site_reaches_the_simulation(edited):
 
 
 def test_arguments_of_a_member_are_arguments_of_simulate(site_folder):
-    inspect.signature(simulate).bind(**read_site(site_folder).member_arguments())
+    bound = inspect.signature(simulate).bind(**read_site(site_folder).member_arguments())
+    assert {"terrain", "release", "material", "end_time"} <= set(bound.arguments)
 
 
 def test_row_of_the_table_of_members_is_accepted_whole(site_folder):

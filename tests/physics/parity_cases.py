@@ -237,6 +237,7 @@ CASES = [
     Case(heightfield.weight_of_means, "s", "s", (between(1.0, 50.0),)),
     Case(heightfield.second_difference, "sss", "s", (number, number, number)),
     Case(heightfield.smoothness, "sssss", "s", (number, number, number, number, number)),
+    Case(heightfield.smooth_coefficient, "ssss", "s", (number, number, number, between(0.25, 0.5))),
     Case(heightfield.spline_coefficient, "sssss", "s", (number, number, number, angle, between(0.25, 0.5))),
     Case(heightfield.bend_smoothness, "sssss", "s", (number, number, number, number, number)),
     Case(heightfield.resampled_coefficient, "ssss", "s", (number, number, number, angle)),

@@ -5,6 +5,7 @@ import pytest
 
 from runout import DruckerPrager, Release, Terrain, simulate
 from runout.errors import InputError
+from runout.model import surface
 from runout.terrain import relief, sdf
 
 CELL = 5.0
@@ -42,6 +43,53 @@ def test_the_filter_goes_on_beyond_the_rim_as_a_plane_does():
     plane = np.arange(20.0)[:, None]
     places = np.array([-3.5, -1.0, 0.0, 19.0, 21.2])
     np.testing.assert_allclose(relief.filtered(plane, 3.0, places)[:, 0], places, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_straight_channel_is_as_smooth_as_its_section(turned):
+    """Plane across its floor, a parabola along it: beyond the window the high bank counts no more."""
+    x, row = np.arange(90.0), np.arange(70.0)[:, None]
+    channel = 700.0 + 0.0052 * (row - 90.0) ** 2 + np.where(x < 20.0, 35.7 * (20.0 - x), 0.0)
+    share = relief.two_cell_share(channel.T if turned else channel)
+    share = share.T if turned else share
+    assert share[8:-8, 20 + relief.AROUND :].max() < 1e-6
+    assert share[:, 18:23].min() > 0.3
+
+
+@pytest.mark.parametrize("averaged", [(1, 1), (2, 3)])
+def test_blocks_of_a_raster_and_shortcuts_on_smooth_ground_change_no_bit(averaged, monkeypatch):
+    x = np.arange(330.0)
+    hills = 20.0 * np.sin(x[:, None] / 9.0) * np.cos(x[:190] / 11.0)
+    for z in (hills, np.round(hills), hills[::-1].T):
+        found = []
+        for block, many in ((10_000, 0.0), (48, 1.0)):
+            monkeypatch.setattr(surface, "BLOCK", block)
+            monkeypatch.setattr(surface, "MANY", many)
+            ground = surface.Surface.through(z, (5.0, 5.0), averaged=averaged)
+            found.append(
+                (ground.coefficients, relief.two_cell_share(z), ground.on_nodes((3.0, 4.0), (-1, -1), (150, 140)).coefficients)
+            )
+        for one, other in zip(*found, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_weights_of_both_axes_are_those_of_each(monkeypatch):
+    monkeypatch.setattr(relief, "STRIP", 40)
+    z = np.random.default_rng(5).normal(size=(23, 17))
+    rows, columns = relief.filter_weights(23, 1.7, np.linspace(-2.0, 24.0, 31)), relief.mean_weights(17, 4)
+    np.testing.assert_allclose(relief.along_both(rows, z, columns), rows.toarray() @ z @ columns.toarray().T, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(columns.toarray()[-1] @ np.arange(17.0), 17.5, rtol=1e-14)  # a plane goes on beyond the rim
+    places = np.array([-3.0, 0.0, 4.25, 22.0, 25.0]), np.array([0.5, 16.0])
+    expected = 0.75 * z[4] + 0.25 * z[5]
+    np.testing.assert_allclose(relief.between(z, places)[2], [0.5 * (expected[0] + expected[1]), expected[16]], rtol=1e-13)
+    np.testing.assert_allclose(relief.between(z, places)[[0, 4], 1], z[[0, -1], 16], rtol=1e-14)
+
+
+def test_sums_over_a_window_repeat_the_outermost_values():
+    values = np.random.default_rng(6).normal(size=(9, 3))
+    for width in (1, 3, 11):
+        rows = np.clip(np.arange(9)[:, None] + np.arange(width) - width // 2, 0, 8)
+        np.testing.assert_allclose(relief.window_sums(values, width), values[rows].sum(axis=1), rtol=1e-12, atol=1e-13)
 
 
 def test_smooth_ground_stays_and_rough_ground_is_filtered():
