@@ -19,6 +19,7 @@ from docs.pages import (
     published,
     skip,
     stress,
+    substeps,
     transfers,
     verification,
     work_precision,
@@ -46,6 +47,7 @@ PAGES: dict[str, tuple[str, Page]] = {  # by record: the folder below docs, and 
     "peak_maps": ("benchmarks", peak_maps.page),
     "whole_commands": ("benchmarks", commands.page),
     "skip": ("benchmarks", skip.page),
+    "substeps": ("benchmarks", substeps.page),
     "transfers": ("benchmarks", transfers.page),
     **{f"validation_{name}": ("validation", page) for name, page in VALIDATION.items()},
 }

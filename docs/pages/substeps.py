@@ -1,0 +1,185 @@
+"""Substeps of a transfer, as a page: error, work at equal error, run-out by grid, and cost of a substep."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from docs.pages import one_answer
+from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
+
+TITLES = {
+    "frank_slide": "Frank Slide, 15°",
+    "frank_slide_20": "Frank Slide, 20°",
+    "jacksboro": "jacksboro, 15°",
+    "jacksboro_25": "jacksboro, 25°",
+    "coulomb_only": "CoulombOnly",
+}
+ERRORS = {"peak": "largest thickness", "deposit": "thickness at 60 s"}
+TEXT = """# Substeps of a transfer
+
+A transfer between particles and grid damps the flow. With `substeps` several time steps share one transfer (theory:
+{{doc}}`../theory`). How much smaller is the error, and what does a substep cost? Flows on terrain of 60 s on uneven grids, two
+seeds each, against the finest grid with {reference} substeps.
+
+![Error of the map of largest thickness against particle-steps, by substeps](substeps.png)
+
+## Error on the same grid
+
+{errors}
+
+Relative L1 error of the map [%], mean of two seeds: 1, 2, 4 and 8 substeps. The seeds differ by {seeds:.2f} points in the median,
+{most_seeds:.1f} at most. One substep on the finest grid differs from {reference} there by {finest}.
+
+## Work at equal error
+
+{work}
+
+Particle-steps over those that one substep needs for the same error, by a power law through its points; geometric mean over the
+grids. Four substeps reach what two cannot; eight gain little more, except for slow flows (jacksboro, 25°).
+
+## One answer whatever the grid
+
+{grids}
+
+Spread of the run-out over nine spacings from 0.7 to 4 raster cells, one substep and four, on {engine}; as on {{doc}}`one_answer`.
+
+## Cost of a substep
+
+{scan}
+
+Backend scan, one thread, processor time of a run over particles and substeps [ns]; beside other work, so that single runs differ
+by a fifth. On a GPU ({card}, float32, layers of `runout bench`), nanoseconds a particle and substep:
+
+{gpu}
+
+On the CPU a substep costs what a step costs. On a GPU it costs more, since each substep finds its contacts again.
+
+## Full table
+
+{table}: every run
+
+## How to make this page
+
+    RUNOUT_DATA=DIR python -m tests.benchmarks.substeps OUT --backend hash --device cuda:0 --processes 8
+    RUNOUT_DATA=DIR python -m tests.benchmarks.one_answer OUT --backend hash --device cuda:0 --substeps 4
+    python tests/benchmarks/gpu_substeps.py --device cuda:0 --out gpu_substeps.json
+
+Times of scan are those of the first command without a device. Copy the records to `tests/benchmarks/records/` (`substeps.json`
+holds the others under `grids`, `gpu` and `scan`); `python -m docs.pages` then writes this page, its table and its figure.
+
+Record: runout {runout}, commit {commit}, NumPy {numpy}.
+"""
+
+
+def page(record: Mapping[str, Any]) -> StudyPage:
+    """The page of a record."""
+    runs = record["runs"]
+    numbers = sorted({run["substeps"] for run in runs})
+    coarse = {site: sorted({r["cell"] for r in runs if r["site"] == site}, reverse=True)[:-1] for site in TITLES}
+    apart = [100 * abs(a - b) for a, b in _pairs(runs, coarse, numbers)]
+    finest = [f"{100 * _mean(runs, s, min(r['cell'] for r in runs if r['site'] == s), 1, 'peak'):.1f} %" for s in TITLES]
+    heads = ("flow", "cells [m]", *(f"{name} [%]" for name in ERRORS.values()))
+    errors = [
+        (TITLES[s] if cell == coarse[s][0] else "", f"{cell:g}", *(_by_number(runs, s, cell, numbers, key) for key in ERRORS))
+        for s in TITLES
+        for cell in coarse[s]
+    ]
+    text = TEXT.format(
+        reference=record["reference"], errors=markdown(heads, errors), seeds=np.median(apart), most_seeds=max(apart),
+        finest=", ".join(finest), work=_work_table(runs, coarse, numbers[1:]), grids=_grids(record["grids"]),
+        engine=record["grids"]["engine"], scan=_scan(record["scan"]),
+        card=record["gpu"]["device"], gpu=_gpu(record["gpu"]["records"]), table=download("substeps.csv", f"all {len(runs)} runs"),
+        **{name: record["versions"][name] for name in ("runout", "commit", "numpy")},
+    )  # fmt: skip
+    names = ("site", "cell", "substeps", "seed", *ERRORS, "centre", "numerical", "particle_steps")
+    table = as_csv(names, [[run[name] for name in names] for run in runs])
+    return StudyPage("substeps", text, {"substeps.csv": table}, {"substeps.png": _figure(runs, coarse, numbers)})
+
+
+def _mean(runs: Sequence[Mapping[str, Any]], site: str, cell: float, number: int, key: str) -> float:
+    """Mean over the seeds of a number of the runs on one grid."""
+    return float(np.mean([r[key] for r in runs if (r["site"], r["cell"], r["substeps"]) == (site, cell, number)]))
+
+
+def _by_number(runs: Sequence[Mapping[str, Any]], site: str, cell: float, numbers: Sequence[int], key: str) -> str:
+    return ", ".join(f"{100 * _mean(runs, site, cell, number, key):.1f}" for number in numbers)
+
+
+def _pairs(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> list[list[float]]:
+    """Errors of the two seeds of each grid."""
+    found = (
+        [r["peak"] for r in runs if (r["site"], r["cell"], r["substeps"]) == (site, cell, number)]
+        for site, cells in coarse.items()
+        for cell in cells
+        for number in numbers
+    )
+    return [errors for errors in found if len(errors) == 2]
+
+
+def work_at_equal_error(runs: Sequence[Mapping[str, Any]], site: str, cells: Sequence[float], number: int, key: str) -> float:
+    """Particle-steps with a number of substeps over those of one substep at the same error, geometric mean over the grids."""
+    work, error = (
+        {n: np.log([_mean(runs, site, cell, n, name) for cell in cells]) for n in (1, number)} for name in ("particle_steps", key)
+    )
+    slope, start = np.polyfit(work[1], error[1], 1)
+    return float(np.exp(np.mean(work[number] - (error[number] - start) / slope)))
+
+
+def _work_table(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> str:
+    heads = ("flow", *(f"{name}, {n} substeps" for name in ERRORS.values() for n in numbers))
+    rows = [
+        (TITLES[s], *(f"{work_at_equal_error(runs, s, cells, n, key):.2f}" for key in ERRORS for n in numbers))
+        for s, cells in coarse.items()
+    ]
+    return markdown(heads, rows)
+
+
+def _grids(grids: Mapping[str, Any]) -> str:
+    """Spread [%] of the run-out over the spacings, by substeps."""
+    rows = []
+    for site, title in one_answer.TITLES.items():
+        row = [title]
+        for runs in (grids["1"], grids["4"]):
+            centres = np.array([run["centre"] for run in runs if run["site"] == site and run["place"] == 0])
+            steps = np.abs(np.diff(centres) / centres[1:]).max()
+            row += [f"{100 * np.ptp(centres) / centres.mean():.1f} %", f"{100 * steps:.1f} %"]
+        rows.append(row)
+    return markdown(("raster", "trend, 1", "neighbours, 1", "trend, 4", "neighbours, 4"), rows)
+
+
+def _scan(times: Sequence[Mapping[str, Any]]) -> str:
+    cases = dict.fromkeys((t["site"], t["cell"]) for t in times)
+
+    def of(case: tuple[str, float], number: int) -> str:
+        found = [t["nanoseconds"] for t in times if (t["site"], t["cell"]) == case and t["substeps"] == number]
+        return ", ".join(f"{value:.0f}" for value in found)
+
+    rows = [(TITLES[case[0]], f"{case[1]:g}", of(case, 1), of(case, 4)) for case in cases]
+    return markdown(("flow", "cells [m]", "1 substep", "4 substeps"), rows)
+
+
+def _gpu(records: Sequence[Mapping[str, Any]]) -> str:
+    columns = ("nanoseconds", ".3f"), ("bytes_a_particle", ".0f")
+    rows = [(r["name"], *(format(r[name][number], how) for name, how in columns for number in "14")) for r in records]
+    return markdown(("particles", "1 substep", "4 substeps", "bytes a particle, 1", "4"), rows)
+
+
+def _figure(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> bytes:
+    """Error of the peak map against particle-steps; points are means over the seeds."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(11.0, 2.9), layout="constrained")
+    for axes, (site, cells) in zip(canvas.subplots(1, len(coarse), sharey=True), coarse.items(), strict=True):
+        for k, number in enumerate(numbers):
+            work, error = ([_mean(runs, site, cell, number, key) for cell in cells] for key in ("particle_steps", "peak"))
+            axes.loglog(work, 100 * np.array(error), "o-", color=f"C{k}", markersize=3.5, linewidth=1.2, label=f"{number}")
+        axes.set_title(TITLES[site], fontsize=9)
+        axes.grid(color="0.9", which="both")
+        axes.tick_params(labelsize=7)
+        axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
+        axes.minorticks_off()
+    canvas.axes[0].set_ylabel("error of the largest thickness [%]", fontsize=8)
+    canvas.supxlabel("particle-steps", fontsize=8)
+    canvas.axes[0].legend(title="substeps", frameon=False, fontsize=7, title_fontsize=7)
+    return as_png(canvas)
