@@ -2,7 +2,7 @@
 
 The phases of a step, one module each, have the same names in the backend ``hash``: ``index``, ``particles_to_grid``,
 ``contact_detection``, ``contact_solution``, ``grid``, ``grid_to_particles``, ``sort``, ``observe``, ``state``. Each head comment
-draws the arrays of its phase.
+draws the arrays of its phase. ``substep`` is a phase of transfers of several substeps.
 
     backend       calls the phases              groups       arrays that kernels take together
     workspace     arrays by block               schedule     which thread sums which nodes, and when

@@ -16,7 +16,7 @@ from runout.model.materials import Material
 from runout.model.scene import Scene
 
 LOOK_SECONDS = 0.2  # between two looks at what is compiled
-KERNELS = 34  # that a run calls without sleep or another transfer
+KERNELS = 34  # that a run calls without sleep, another transfer or several substeps
 
 
 class CompilingAhead:
@@ -35,7 +35,7 @@ class CompilingAhead:
     structures : bool
         Whether the run has structures.
     choices : dict
-        ``transfer``, ``f_bar`` and ``sleep_speed`` of :class:`runout.model.scene.Scene`.
+        ``transfer``, ``f_bar``, ``sleep_speed`` and ``substeps`` of :class:`runout.model.scene.Scene`.
     marked : callable, optional
         Called with the file that marks the kernels as compiled, when it is there.
     """

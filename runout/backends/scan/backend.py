@@ -3,6 +3,7 @@
 A step calls one phase after the other; the parts hold what the phases share.
 
     index -> particles to grid (with contact detection) -> contact solution -> grid to particles -> sort -> sleep
+                                    for further substeps:  substep -> contact solution -> ...
 
     store      particles by slot                 runout.backends.scan.state
     index      blocks and their neighbours       runout.backends.scan.index
@@ -14,6 +15,7 @@ A step calls one phase after the other; the parts hold what the phases share.
 
 import math
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -45,6 +47,7 @@ from runout.physics.contact import kept_share
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
 PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload", "pack"  # the longest to compile come first
+OF_SUBSTEPS = "substep", "last_to_particles"  # parts of scenes with several substeps, which take longer still
 
 
 def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":
@@ -166,8 +169,8 @@ class ScanBackend:
         """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""
         import numba
 
-        s, steps = self.store, self.counters.steps + 1
-        self.scene.require_stable(dt, self.totals.max_speed, steps)
+        s = self.store
+        self.scene.require_stable(dt, self.totals.max_speed, self.counters.steps + 1)
         self.scene.require_substeps(substeps)
         numba.set_num_threads(self.workers.threads)
         self.counters.add(substeps, s.n)
@@ -180,16 +183,19 @@ class ScanBackend:
         if s.end + max(reserve(s.n), s.surge) > s.slots:
             self._close_gaps()
         clock("index")
-        self._to_grid(dt)
+        self._to_grid(dt, substeps)
         clock("p2g")
         self._solve_contacts()
         if self.structures:
-            nodes, speed = self.workspace.grid, self.totals.max_speed
-            self.structures.solve(self.k, s, self.index.blocks, nodes, self.tables, steps, speed)
+            b, t, steps = self.index.blocks, self.tables, self.counters.steps
+            self.structures.find(self.k, s, b, t, steps, substeps, self.totals.max_speed)
+            self.structures.push(self.k, s, t, steps, self.workspace.grid)
         clock("contact")
+        for substep in range(1, substeps):
+            self._substep(first=substep == 1, clock=clock)
         if self.scene.sleep_speed:
             sleep.hold_sleepers(self.k, dt, s, self.index.blocks, self.workspace, self.tables, self.totals)
-        self._to_particles(dt)
+        self._to_particles(dt, substeps)
         clock("g2p")
         self._sort()
         if self.scene.sleep_speed:
@@ -198,13 +204,17 @@ class ScanBackend:
         clock("sort")
 
     def pass_part(self, part: str, dt: float) -> None:
-        """Call the kernels of one of PARTS: of a scene without particles, to compile them."""
+        """Call the kernels of one of PARTS or OF_SUBSTEPS: of a scene without particles, to compile them."""
         self.tables.set_step(self.scene, dt)
         match part:
             case "to_grid":
                 self._to_grid(dt)
             case "to_particles":
                 self._to_particles(dt)
+            case "substep":
+                self._substep(first=True)
+            case "last_to_particles":
+                self._to_particles(dt, 2)
             case "contacts":
                 self.totals.contact_particles = 1
                 self._solve_contacts()
@@ -231,7 +241,7 @@ class ScanBackend:
         if self.scene.packed:
             self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
 
-    def _to_grid(self, dt: float) -> None:
+    def _to_grid(self, dt: float, substeps: int = 1) -> None:
         if dt != self.tables.packed_dt:
             self._change_step(dt)
         parts = self.k, self.store, self.index.blocks, self.workspace, self.tables
@@ -239,29 +249,43 @@ class ScanBackend:
         if self.scene.surface is None:
             grid.fill(*parts, after)
         else:
-            search = grid.search_of(self.scene, self.store, self.totals.max_speed, dt, self.counters.steps)
+            before = self.counters.steps - substeps
+            search = grid.search_of(self.scene, self.store, self.totals.max_speed, dt, substeps, before)
             self.totals.contact_particles = grid.fill_over_ground(*parts, search, after)
 
-    def _solve_contacts(self) -> None:
+    def _substep(self, first: bool, clock: Callable[[str], None] = lambda stage: None) -> None:
+        """One substep on the present nodes, up to contacts: the ``first`` one after that of the transfer, or a later one."""
+        s, b, t = self.store, self.index.blocks, self.tables
+        if self.structures:
+            self.structures.follow(self.k, s, self.workspace.grid, t)
+        self.totals.plastic_dissipation += grid.substep(self.k, s, b, self.workspace, t, self.workers.buffers, first)
+        clock("substep")
+        self._solve_contacts(again=True)
+        if self.structures:
+            self.structures.push(self.k, s, t, self.counters.steps, self.workspace.grid)
+        clock("contact")
+
+    def _solve_contacts(self, again: bool = False) -> None:
+        """Impulses of the ground; those of a later substep meet the zones and areas of the first one ``again``."""
         parts, c = (self.k, self.store, self.index.blocks, self.workspace, self.tables), self.tables.constants
         law, w = self.scene.basal.law, self.workspace
         if self.totals.contact_particles > 0:
-            if self.tables.zones:
+            if self.tables.zones and not again:
                 self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, c.corner, c.spacing, self.tables.zones)
-            if law.uses_area:
+            if law.uses_area and not again:
                 self.k.sum_columns(w.grid.shared, w.columns)
             grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
         if law.drags_column and self.scene.surface is not None:
-            self._slow_columns()
+            self._slow_columns(again)
 
     def share_releases(self) -> None:
         """Call the kernel that mixes the friction of releases: of a scene where all are alike, to compile it."""
         self.k.share_releases(self.store.particles, self.index.blocks, self.workspace.columns)
 
-    def _slow_columns(self) -> None:
+    def _slow_columns(self, again: bool) -> None:
         """Drag on the columns of nodes."""
         w, t, total = self.workspace, self.tables, np.zeros(4)
-        if not self.scene.basal.alike:
+        if not (self.scene.basal.alike or again):
             self.share_releases()
         self.k.slow_columns(self.index.blocks, w.grid.shared, w.columns, t.free_drag, t.constants, t.step.dt, total)
         if reads_nodes(self.scene):
@@ -269,11 +293,12 @@ class ScanBackend:
         self.totals.basal_dissipation -= float(total[0])
         self.totals.basal_impulse += total[1:]
 
-    def _to_particles(self, dt: float) -> None:
+    def _to_particles(self, dt: float, substeps: int = 1) -> None:
         b, w, t = self.index.blocks, self.workspace, self.tables
         parts = self.k, self.store, b, w, t
         gradients = self.gradients.take_rates(*parts) if self.gradients else without_gradients(self.scene.dtype)
-        speed2, step, lost, refused, self.totals.moved = self.k.grid_to_particles(
+        last = self.k.grid_to_particles if substeps == 1 else self.k.last_to_particles
+        speed2, step, lost, refused, self.totals.moved = last(
             self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, w.columns, w.moves,
             t.domain, t.step, gradients, self.workers.buffers,
         )  # fmt: skip

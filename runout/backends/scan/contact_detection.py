@@ -254,7 +254,7 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
         b, k = _list_candidates(slots, owners, rec, listed, first, contacts.candidates, b, k, n)
         _take_candidates(aside, slots, owners, particles, tiles, constants.friction, n)
         _load_candidates(t, rec, aside, slots, groups)
-        _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, search.band)
+        _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], search.lasting, search.band)
         row = _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row)
 
 

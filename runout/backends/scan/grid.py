@@ -5,6 +5,7 @@ The order of the calls is
     particles_to_nodes              early pass: owners and nodes        then gradient transfers add forces
     particles_to_nodes_over_ground  late pass: nodes that two threads share
     solve_contacts                  early pass, late pass
+    substep, solve_contacts         early pass, late pass of each, for every further substep
 
 A kernel sums nodes as soon as their arenas are complete. Where several threads share nodes, the same kernel is called once more for
 these alone: all nodes are summed by the same machine code, so that the bits do not depend on the number of threads.
@@ -16,7 +17,7 @@ from typing import Any
 
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.contact_detection import _rows_of_thread, _shares_of_thread
-from runout.backends.scan.groups import Blocks, ContactSearch, Pass
+from runout.backends.scan.groups import Blocks, Buffers, ContactSearch, Pass
 from runout.backends.scan.state import PADDING, Store, stamp_of
 from runout.backends.scan.totals import Totals
 from runout.backends.scan.workspace import Workspace
@@ -41,14 +42,14 @@ def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace,
         run(workspace.schedule.late)
 
 
-def search_of(scene: Scene, store: Store, max_speed: float, dt: float, steps: int) -> ContactSearch:
-    """Numbers by which contacts are found in step ``steps`` of ``dt`` [s]."""
-    band = scene.contact_band * min(scene.spacing)
-    reach = contact_law.reach(store.largest_radius, max_speed, dt, band)
+def search_of(scene: Scene, store: Store, max_speed: float, dt: float, substeps: int, before: int) -> ContactSearch:
+    """Numbers by which contacts are found for so many ``substeps`` of ``dt`` [s], with ``before`` in the run."""
+    band, lasting = scene.contact_band * min(scene.spacing), substeps * dt
+    reach = contact_law.reach(store.largest_radius, max_speed, lasting, band)
     real, fastest = scene.dtype, math.inf
     if scene.basal.law.uses_area:
         fastest = contact_law.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
-    return ContactSearch(real(reach), real(band), real(stamp_of(steps - 1)), real(fastest), not scene.keeps)
+    return ContactSearch(real(reach), real(band), real(stamp_of(before)), real(fastest), not scene.keeps, real(lasting))
 
 
 def fill_over_ground(
@@ -85,6 +86,27 @@ def _lacks_memory(workspace: Workspace, arenas: int, rows: int, shares: int) -> 
         workspace.make_shares((shares + shares // 8 + SPARE) * threads)
         enough = False
     return not enough
+
+
+def substep(
+    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, buffers: Buffers, first: bool
+) -> float:
+    """One substep of the particles on their grid, the ``first`` one or a later one, up to contacts.
+
+    It needs as many arenas as the transfer did before. Returns the dissipated energy [J].
+    """
+
+    def run(schedule: Pass) -> float:
+        w, dv = workspace, tables.constants.dv
+        return float(k.substep(
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, tables.step, buffers,
+            w.moves.motion, first,
+        ))  # fmt: skip
+
+    dissipated = run(workspace.schedule.early)
+    if workspace.schedule.waits:
+        run(workspace.schedule.late)
+    return dissipated
 
 
 def push(

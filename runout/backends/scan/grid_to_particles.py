@@ -39,6 +39,7 @@ from runout.backends.scan.stencil import (
     _next_filled,
     _place_of,
     _weigh,
+    heads_and_tails,
     local_nodes,
     local_weights,
     zeros,
@@ -53,19 +54,25 @@ from runout.backends.scan.tile import (
     REFUSED,
     SLIP,
     SPEED,
+    SUMS,
     TILE,
     _about_particles,
     _load_rates,
+    _load_sums,
     _load_tile,
     _moments,
     _rows,
+    _stay_on_grid,
     _store_tile,
+    _way_before,
+    _way_gradient,
     local_tile,
 )
 from runout.physics.elastic import is_small, kirchhoff_stress
 from runout.physics.moments import affine_columns, momentum_at, stress_columns, velocity_gradient
 from runout.physics.plastic import step as law_update
 from runout.physics.plastic import step_small as law_update_small
+from runout.physics.substeps import inverse_deformation, present_gradient
 from runout.physics.tensors import real, sym, vec
 from runout.physics.transfers import kept_velocity, with_dilatation
 
@@ -75,6 +82,8 @@ HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
 ONE_MATERIAL = True
 GRADIENT_TRANSFER = False
+SEVERAL = False  # whether the transfer has several substeps (substep.py)
+LASTS = False  # whether it goes on after this one
 CHANGES = False  # whether columns of nodes change their velocity here (column_drag.py)
 stays = constant([float(STAYS)] * 16)
 halves = constant([0.5] * 16)
@@ -89,7 +98,11 @@ def _gradient(t, p, s, cells, averaged):
         L = velocity_gradient(_rows(t, p, RATE + 5), _rows(t, p, RATE + 9), _rows(t, p, RATE + 13), cells)
         return with_dilatation(L, t[RATE, p], averaged)
     x, y, z = _moments(t, p)
-    return velocity_gradient(x, y, z, s)
+    L = velocity_gradient(x, y, z, s)
+    if SEVERAL:
+        way = _way_before(t, p, s) if LASTS else _way_gradient(t, p, s)
+        return present_gradient(L, inverse_deformation(way))
+    return L
 
 
 def _keep(t, p, keeps):
@@ -123,9 +136,12 @@ def _pack(t, p, tau, s):
 
 def _move(t, p, cells):
     """Advance a column by its velocity; ``cells`` = dt / h [s/m]. Returns longest move, whether it is refused, and move code."""
-    x = cells[0] * t[1, p]
-    y = cells[1] * t[2, p]
-    z = cells[2] * t[3, p]
+    v = _rows(t, p, 1)
+    if SEVERAL:
+        v = vec(v[0] + t[SUMS + 1, p], v[1] + t[SUMS + 2, p], v[2] + t[SUMS + 3, p])
+    x = cells[0] * v[0]
+    y = cells[1] * v[1]
+    z = cells[2] * v[2]
     fx = t[4, p] + x
     fy = t[8, p] + y
     fz = t[12, p] + z
@@ -145,8 +161,8 @@ def _move(t, p, cells):
     return far, refused, code
 
 
-def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
-    """Write the state of a column, move it and pack its next record; a column without a particle adds 0 to all sums."""
+def _leave_grid(t, p, alive, tau, s, cells, keeps):
+    """Move a column and pack its next record."""
     nothing = real(0.0)
     far, refused, code = _move(t, p, cells)
     if GRADIENT_TRANSFER:
@@ -155,9 +171,17 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
     t[SPEED, p] = speed2 if alive else nothing
     t[MOVE, p] = far if alive else nothing
     t[REFUSED, p] = refused if alive else nothing
-    t[LOST, p] = lost * t[23, p] if alive else nothing
     t[CODE, p] = code
     _pack(t, p, tau, s)
+
+
+def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
+    """Write the state of a column and what it hands on; a column without a particle adds 0 to all sums."""
+    if LASTS:
+        _stay_on_grid(t, p, tau, s)
+    else:
+        _leave_grid(t, p, alive, tau, s, cells, keeps)
+    t[LOST, p] = lost * t[23, p] if alive else real(0.0)
     t[16, p] = B[0]
     t[17, p] = B[1]
     t[18, p] = B[2]
@@ -180,20 +204,22 @@ def _follow_tile(t, particle_index, label, first, count, mats, s, cells, average
         _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
 
 
-def _follow_large(t, rec, state, p, slot, mat, s, cells, averaged, keeps):
-    """The same for one particle of any strain, from its record and state before the law."""
-    r = rec[slot]
+def _follow_large(t, r, state, p, mat, s, cells, averaged, keeps):
+    """The same for one particle of any strain, from its record ``r`` and its state before the law."""
     r = _about_particles((r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15]))
     for k in range(16):
         t[k, p] = r[k]
     for k in range(8):
-        t[16 + k, p] = state[slot, k]
+        t[16 + k, p] = state[k]
     B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s, cells, averaged), t[22, p], mat)
     _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
 
 
 def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, cells, averaged, keeps):
-    """Apply the law for any strain to the columns that are marked LARGE."""
+    """Apply the law for any strain to the columns that are marked LARGE, from records and states in a buffer from ``slot`` on.
+
+    In a transfer of several substeps the states are those of the slots from ``first`` on.
+    """
     particle_index, label = particles.particle_index, particles.label
     for g in range(groups):
         bits = lane_bits(load16(t, LARGE * TILE + 16 * g) > halves(t))
@@ -201,7 +227,8 @@ def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, ce
             column = np.int64(lowest_bit(bits)) + 16 * g
             bits = bits & (bits - np.uint64(1))
             mat = mats[label[particle_index[first + column], 0]]
-            _follow_large(t, rec, state, np.uint64(column), slot + column, mat, s, cells, averaged, keeps)
+            place = first if SEVERAL else slot
+            _follow_large(t, rec[slot + column], state[place + column], np.uint64(column), mat, s, cells, averaged, keeps)
 
 
 def _destination(rec, cell, slot, code, b, bxyz, at_rim, domain):
@@ -273,6 +300,26 @@ def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2):
         cell[f + t] = cell2[t]
 
 
+def _gather_again(particles, f, count, nodes, records, k):
+    """Gather the records of a tile, which lie in the order of cells already, into a buffer from place ``k`` on.
+
+    If the transfer goes on, their sums go on too.
+    """
+    rec, state, cell = particles.rec, particles.state, particles.cell
+    ready = local_weights(rec)
+    _weigh(rec, f * np.uint64(16), ready, _place_of(f))
+    for p in range(f, f + count):
+        prefetch(rec, (p + np.uint64(AHEAD)) * np.uint64(16))
+        prefetch(state, (p + np.uint64(AHEAD)) * np.uint64(8))
+        _weigh(rec, (p + np.uint64(1)) * np.uint64(16), ready, _place_of(p + np.uint64(1)))
+        rows = _load_rows(nodes, _first_node(np.uint64(cell[p])))
+        seen = _gather(rec, p * np.uint64(16), ready, _place_of(p), rows)
+        store(records, (p - f + k) * np.uint64(16), seen)
+        if LASTS:
+            before = load16(rec, p * np.uint64(16))
+            store(rec, p * np.uint64(16), heads_and_tails(before, before + seen))
+
+
 def _expect_list(order, particle_index, first, moving, b, end):
     """Prefetch the list and the labels of the next block before ``end`` that moves."""
     later = _next_filled(moving, b, end)
@@ -342,19 +389,26 @@ def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, 
                 _add_changes(around, columns, blocks.up, b, reached[b])
             f = blocks.first[b]
             _expect_list(particles.order, particle_index, blocks.first, moving, b, blocks.nown)
-            _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
+            if not SEVERAL:
+                _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
             _expect_next(rec, state, particles.order, blocks, moving, b, nodes)
             speed = move = lost = refused = zeros(rec)
             counts = np.int64(0), np.int64(0), np.int64(0)
             for k in range(0, held, TILE):
                 count = min(TILE, held - k)
                 groups = (count + 15) >> 4
-                _load_tile(t, records, states, k, groups)
+                if SEVERAL:
+                    _gather_again(particles, np.uint64(f + k), np.uint64(count), around, records, np.uint64(k))
+                    _load_tile(t, records, k, state, f + k, groups)
+                    _load_sums(t, rec, f + k, groups)
+                else:
+                    _load_tile(t, records, k, states, k, groups)
                 if GRADIENT_TRANSFER:
                     _load_rates(t, gradients.rates, gradients.slips, f + k, groups)
                 _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
-                _follow_all_large(t, records, states, k, particles, f + k, groups, mats, s, cells, averaged, keeps)
-                _store_tile(t, rec, state, f + k, groups)
+                before = state if SEVERAL else states
+                _follow_all_large(t, records, before, k, particles, f + k, groups, mats, s, cells, averaged, keeps)
+                _store_tile(t, rec, f + k, state, f + k, groups)
                 for g in range(groups):
                     speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
                     move = largest(move, load16(t, MOVE * TILE + 16 * g))

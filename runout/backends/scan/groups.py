@@ -220,7 +220,7 @@ class Contacts(NamedTuple):
 
 
 class ContactSearch(NamedTuple):
-    """Numbers by which contacts are found in a step.
+    """Numbers by which contacts are found for a transfer.
 
     Attributes
     ----------
@@ -232,6 +232,8 @@ class ContactSearch(NamedTuple):
         Speed [m/s] up to which contacts start from them; infinite for laws that do not use ground areas.
     begins : bool
         Whether the impulses by these forces go to the nodes together with the momentum.
+    lasting : real
+        Time [s] within which a particle must touch the ground: that of all substeps.
     """
 
     reach: Any
@@ -239,6 +241,7 @@ class ContactSearch(NamedTuple):
     last: Any
     fastest: Any
     begins: bool
+    lasting: Any
 
 
 class Moves(NamedTuple):

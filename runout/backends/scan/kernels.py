@@ -32,6 +32,7 @@ from runout.backends.scan import (
     structure_detection,
     structure_groups,
     structure_solution,
+    substep,
     tile,
     workspace,
     zones,
@@ -72,6 +73,7 @@ CONTACT = (
     contact_solution,
 )
 MOTION = (groups, node_columns, stencil, column_drag, domain, tile, grid_to_particles)  # follow a law of materials
+BY_SUBSTEPS = (groups, node_columns, stencil, particles_to_grid, tile, grid_to_particles, substep)  # for all substeps but the last
 # kernels of contact that follow the law: the second for laws that sum columns of nodes, the third for those that slow them
 OF_FRICTION = ("solve_contacts", "particles_to_nodes_over_ground", "slow_columns")
 LANES = (vectors, shuffles, memory)
@@ -85,7 +87,8 @@ BY_GRADIENTS = (
     gradients,
 )  # of transfers other than the packed one, and of F-bar
 BY_STRUCTURES = (structure_groups, structure_detection, structure_solution)
-SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, tile, grid_to_particles, *LANES, precompile, resting_loops, records)
+BY_LAWS = (contact_solution, domain, tile, grid_to_particles, substep)
+SOURCES = (*PHYSICS, *COMMON, *BY_LAWS, *LANES, precompile, resting_loops, records)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}
 
@@ -141,7 +144,7 @@ def sources_of(scene: Scene) -> tuple[ModuleType, ...]:
 
 def reads_nodes(scene: Scene) -> bool:
     """Whether kernels read the velocities of nodes after the ground has acted and before particles gather them."""
-    return scene.structures is not None or uses_gradient_transfer(scene)
+    return scene.structures is not None or scene.substeps > 1 or uses_gradient_transfer(scene)
 
 
 def _bound(scene: Scene) -> SimpleNamespace:
@@ -170,7 +173,15 @@ def _bound(scene: Scene) -> SimpleNamespace:
     own = binding.kernels(*MOTION, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
     structures = _of_structures(binding) if scene.structures else SimpleNamespace()
-    return SimpleNamespace(**(vars(more) | vars(own) | vars(common) | vars(structures) | own_of_contact))
+    several = _of_substeps(binding, {**names, "DRAGS_COLUMN": of_contact["DRAGS_COLUMN"]}) if scene.substeps > 1 else {}
+    return SimpleNamespace(**(vars(more) | vars(own) | vars(common) | vars(structures) | own_of_contact | several))
+
+
+def _of_substeps(binding: NumbaBinding, names: dict[str, Any]) -> dict[str, Any]:
+    """Kernels of transfers of several substeps: one for all but the last, and the last."""
+    last = binding.kernels(*MOTION, sources=LANES, **names, SEVERAL=True)
+    others = binding.kernels(*BY_SUBSTEPS, sources=LANES, **names, SEVERAL=True, LASTS=True)
+    return {"substep": others.substep, "last_to_particles": last.grid_to_particles}
 
 
 def _of_structures(binding: NumbaBinding) -> SimpleNamespace:

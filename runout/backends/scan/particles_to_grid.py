@@ -211,9 +211,9 @@ def _inverse(s):
     return select(filled, four_ones(m) / select(filled, m, four_ones(m)), four_zeros(m))
 
 
-def _node_velocities(s, inverse, dv):
-    """Mass and velocity of four nodes from their mass and momentum; without mass they rest."""
-    v = velocity_after(load16(dv, 0), s, in_all_four(inverse))
+def _node_velocities(s, inverse, before):
+    """Velocity of four nodes from their mass and momentum, and what they have ``before`` these; without mass they rest."""
+    v = velocity_after(before, s, in_all_four(inverse))
     return select(masses(s) > least_masses(s), v, zeros(s))
 
 
@@ -225,7 +225,7 @@ def _update_block(arenas, number, reached, down, b, grid, dv):
         for i in range(4):
             for j in range(4):
                 s = _sum_all(arenas, place, there, i, j)
-                v = _node_velocities(s, _inverse(s), dv)
+                v = _node_velocities(s, _inverse(s), load16(dv, 0))
                 store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
@@ -255,7 +255,7 @@ def _update_block_over_ground(arenas, contacts, grid, columns, down, b, dv):
         for j in range(4):
             s = _sum_all(values, place, there, i, j)
             one_over = _inverse(s)
-            v = _node_velocities(s, one_over, dv)
+            v = _node_velocities(s, one_over, load16(dv, 0))
             if DRAGS_COLUMN:
                 moving = _sum_of_nodes(s)
                 store(columns.moving, b * 64 + (i * 4 + j) * 4, moving + four_times_first(moving) * load4(dv, 0))
@@ -272,7 +272,7 @@ def _update_block_over_ground(arenas, contacts, grid, columns, down, b, dv):
 
 
 def _push_block(arenas, number, pressed, down, b, grid, columns):
-    """Add the impulses to the velocities of the nodes of a block that contacts reach; their first number becomes the drag."""
+    """Add the impulses to the velocities of the nodes of a block that contacts reach; the first number of an arena is the drag."""
     nodes = grid.nodes
     place = local_places(down)
     _find_arenas(place, arenas, number, pressed, down, b)
@@ -281,7 +281,8 @@ def _push_block(arenas, number, pressed, down, b, grid, columns):
             o = b * 256 + (i * 4 + j) * 16
             push = _sum_filled(arenas, place, i, j, zeros(arenas), _row_of_arena)
             one_over = load4(grid.inverse, b * 64 + (i * 4 + j) * 4)
-            store(nodes, o, heads_and_tails(push, velocity_after(load16(nodes, o), push, in_all_four(one_over))))
+            v = load16(nodes, o)
+            store(nodes, o, heads_and_tails(v, velocity_after(v, push, in_all_four(one_over))))
             if DRAGS_COLUMN:
                 store(columns.pushed, b * 64 + (i * 4 + j) * 4, _sum_of_nodes(push))
 

@@ -81,6 +81,11 @@ def _weights_of(rec, p):
     return weights(rec[p, 4]), weights(rec[p, 8]), weights(rec[p, 12])
 
 
+def _radius_of(particles, w):
+    """Touching radius [m] of the particle with index ``w``."""
+    return particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
+
+
 def _plane(field, k, x, y, z):
     """Distance [m] of a point from the plane of a patch, and its normal."""
     centre = field.centre
@@ -116,8 +121,8 @@ def _take_patch(field, row, place, x, y, z, distance, n, patch):
 
 
 def _measure(particles, b, p, blocks, field, touching, r, constants, search):
-    """Fill row ``r`` for a particle; returns whether it touches a structure within the step; ``search`` is dt, band and reach."""
-    dt, band, reach = search
+    """Fill row ``r`` for a particle; returns whether it touches; ``search`` is as for :func:`find_structure_contacts`."""
+    lasting, band, reach, _ = search
     rec, c, w = particles.rec, particles.cell[p], particles.particle_index[p]
     x = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 0)
     y = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 1)
@@ -139,14 +144,13 @@ def _measure(particles, b, p, blocks, field, touching, r, constants, search):
     if distance > reach:
         return False
     n = outward_normal(separation_slopes(eight, fx, fy, fz))
-    radius = particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
+    radius = _radius_of(particles, w)
     v = _velocity(rec, p)
-    if not in_contact(contact_gap(distance, radius), dot(v, n), dt, band):
+    if not in_contact(contact_gap(distance, radius), dot(v, n), lasting, band):
         return False
     patch = np.int64(field.patch[row, nearest_place(place, fx, fy, fz)])
     distance, n, patch = _take_patch(field, row, place, x, y, z, distance, n, patch)
     gap = contact_gap(distance, radius)
-    touching.slots[r] = p
     touching.patch[r] = patch
     measured = touching.measured
     for a in range(3):
@@ -154,7 +158,7 @@ def _measure(particles, b, p, blocks, field, touching, r, constants, search):
         measured[r, BEFORE + a] = v[a]
     measured[r, GAP] = gap
     measured[r, DISTANCE] = distance
-    return in_contact(gap, dot(v, n), dt, band)
+    return in_contact(gap, dot(v, n), lasting, band)
 
 
 def _clear_share(share):
@@ -188,8 +192,9 @@ def _find_in_block(particles, blocks, b, field, touching, m, constants, search, 
             continue
         if r == touching.place[m]:
             _clear_share(share)
+        touching.entry[r] = t
         w = particles.particle_index[p]
-        lasting = search[0] if force[w, 0] == last else real(0.0)
+        lasting = search[3] if force[w, 0] == last else real(0.0)
         for k in range(1, 4):
             given[r, k] = lasting * force[w, k]
         _spread(share, particles.cell[p], _weights_of(particles.rec, p), real(1.0), given[r, 1], given[r, 2], given[r, 3])
@@ -200,8 +205,8 @@ def _find_in_block(particles, blocks, b, field, touching, m, constants, search, 
 def find_structure_contacts(particles, blocks, near, field, touching, constants, search, force, last):
     """List the particles of near blocks that touch structures; returns how many.
 
-    ``search`` are the length of the step [s], the width of the band of contact and the distance [m] beyond which no particle can
-    touch. ``last`` is the stamp of the step before, whose forces still hold.
+    ``search`` are the time [s] within which they touch, the width of the band of contact and the distance [m] beyond which no
+    particle can touch, and the length of a substep [s]. ``last`` is the stamp of the step before, whose forces still hold.
     """
     number = touching.number
     for m in prange(len(near.owners)):

@@ -62,10 +62,10 @@ class Touching(NamedTuple):
     Attributes
     ----------
     place, number : (near + 1,), (near,) int64
-    slots, patch : (rows,) int32
-        Slot of the particle; patch that it touches.
+    entry, patch : (rows,) int32
+        Where ``Particles.order`` holds the slot of the particle, which may change within a transfer; patch that it touches.
     measured : (rows, 8) real
-        Normal, gap [m], velocity before the step [m/s], distance [m].
+        Normal, gap [m], velocity before the substep [m/s], distance [m].
     given, push : (rows, 4) real
         1 where the centre would enter, else 0, and the impulse [N s] that the nodes hold already; work [J] and impulse [N s].
     shares : (near, 216, 4) real
@@ -76,7 +76,7 @@ class Touching(NamedTuple):
 
     place: np.ndarray
     number: np.ndarray
-    slots: np.ndarray
+    entry: np.ndarray
     patch: np.ndarray
     measured: np.ndarray
     given: np.ndarray

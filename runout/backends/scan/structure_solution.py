@@ -8,14 +8,26 @@ find_entering              grid.nodes  --gather-->  the rows that would still en
 share_structure_contacts   as above, for their compliance
 stop_entering              grid.nodes, compliance  --gather-->  push[r]  --scatter-->  shares
 push_from_structures, book_structures   as above
+
+follow_structure_contacts  grid.nodes, before the next substep of a transfer  --gather-->  rows  --scatter-->  shares
 """
 
 import numpy as np
 from numba import prange
 
-from runout.backends.scan.structure_detection import BEFORE, DISTANCE, GAP, NORMAL, _clear_share, _spread, _weights_of
+from runout.backends.scan.structure_detection import (
+    BEFORE,
+    DISTANCE,
+    GAP,
+    NORMAL,
+    _clear_share,
+    _radius_of,
+    _spread,
+    _weights_of,
+)
 from runout.physics.contact import impulse, work
-from runout.physics.structures import entry_velocity, stopping_impulse
+from runout.physics.structures import contact_gap, entry_velocity, stopping_impulse
+from runout.physics.substeps import moved_gap
 from runout.physics.tensors import dot, real, vec
 
 LEAST_MASS = 1e-37  # [kg] of a node that moves, as in particles_to_grid
@@ -120,7 +132,7 @@ def _solve_block(particles, near, touching, grid, field, m, dt, force, stamp):
     """Impulses on the contacts of a near block; its share holds their changes."""
     given, push, measured, share = touching.given, touching.push, touching.measured, touching.shares[m]
     for r in range(touching.place[m], touching.place[m] + touching.number[m]):
-        p = np.int64(touching.slots[r])
+        p = np.int64(particles.order[touching.entry[r]])
         w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
         shared, u = _meet(near, touching, grid, m, c, weight)
         n, before = _normal_and_before(measured, r)
@@ -144,6 +156,30 @@ def solve_structure_contacts(particles, near, touching, grid, field, dt, force, 
             _solve_block(particles, near, touching, grid, field, m, dt, force, stamp)
 
 
+def _follow_block(particles, near, touching, grid, m, dt, force):
+    """Move the contacts of a near block on; its share holds their weights and the impulses of the substep before."""
+    given, measured, share = touching.given, touching.measured, touching.shares[m]
+    _clear_share(share)
+    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
+        p = np.int64(particles.order[touching.entry[r]])
+        w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
+        _, v = _meet(near, touching, grid, m, c, weight)
+        n, _ = _normal_and_before(measured, r)
+        measured[r, DISTANCE] = moved_gap(measured[r, DISTANCE], n, vec(dt * v[0], dt * v[1], dt * v[2]))
+        measured[r, GAP] = contact_gap(measured[r, DISTANCE], _radius_of(particles, w))
+        for k in range(3):
+            measured[r, BEFORE + k] = v[k]
+            given[r, 1 + k] = dt * force[w, 1 + k]
+        _spread(share, c, weight, real(1.0), given[r, 1], given[r, 2], given[r, 3])
+
+
+def follow_structure_contacts(particles, near, touching, grid, dt, force):
+    """Move the contacts on with the velocities that the nodes hold after a substep; they start from the ``force`` of it."""
+    for m in prange(len(near.owners)):
+        if touching.number[m] > 0:
+            _follow_block(particles, near, touching, grid, m, dt, force)
+
+
 def _find_entering_block(particles, near, touching, grid, m, dt, band):
     """Mark the contacts of a near block whose centres would enter a structure, with weights in its share; returns how many."""
     given, measured, share = touching.given, touching.measured, touching.shares[m]
@@ -151,7 +187,7 @@ def _find_entering_block(particles, near, touching, grid, m, dt, band):
     entering = 0
     _clear_share(share)
     for r in range(touching.place[m], touching.place[m] + touching.number[m]):
-        p = np.int64(touching.slots[r])
+        p = np.int64(particles.order[touching.entry[r]])
         c, weight = particles.cell[p], _weights_of(particles.rec, p)
         _, u = _meet(near, touching, grid, m, c, weight)
         n, _ = _normal_and_before(measured, r)
@@ -183,7 +219,7 @@ def _stop_block(particles, near, touching, grid, m, dt, band):
             push[r, k] = real(0.0)
         if given[r, 0] == real(0.0):
             continue
-        p = np.int64(touching.slots[r])
+        p = np.int64(particles.order[touching.entry[r]])
         c, weight = particles.cell[p], _weights_of(particles.rec, p)
         shared, u = _meet(near, touching, grid, m, c, weight)
         n, before = _normal_and_before(measured, r)

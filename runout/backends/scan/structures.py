@@ -66,23 +66,33 @@ class Structures:
         )  # fmt: skip
         self.entering = np.zeros(len(owners), np.int64)
 
-    def solve(
-        self, k: SimpleNamespace, store: Store, blocks: Blocks, grid: Grid, tables: Tables, steps: int, max_speed: float
+    def find(
+        self, k: SimpleNamespace, store: Store, blocks: Blocks, tables: Tables, steps: int, substeps: int, max_speed: float
     ) -> None:
-        """Add the impulses of the structures to the velocities of the nodes, in step number ``steps``, and book them."""
+        """Find the particles that touch structures within so many substeps, the last of them number ``steps``."""
         near, dt, real = self.near, tables.step.dt, self.force.dtype.type
         if not len(near.owners):
             self.contacts = 0
             return
         rows = k.place_structure_rows(near, blocks.held, self.touching.place)
-        if rows > len(self.touching.slots):
+        if rows > len(self.touching.entry):
             made = _rows(rows + rows // 4, self.force.dtype)
-            self.touching = self.touching._replace(**dict(zip(("slots", "patch", "measured", "given", "push"), made, strict=True)))
-        t, reach = self.touching, contact_law.reach(store.largest_radius, max_speed, dt, self.band)
+            self.touching = self.touching._replace(**dict(zip(("entry", "patch", "measured", "given", "push"), made, strict=True)))
+        lasting = real(substeps * dt)
+        reach = contact_law.reach(store.largest_radius, max_speed, lasting, self.band)
         self.contacts = k.find_structure_contacts(
-            store.particles, blocks, near, self.field, t, tables.constants, (dt, self.band, real(reach)), self.force,
-            real(stamp_of(steps - 1))
+            store.particles, blocks, near, self.field, self.touching, tables.constants, (lasting, self.band, real(reach), dt),
+            self.force, real(stamp_of(steps - substeps))
         )  # fmt: skip
+
+    def follow(self, k: SimpleNamespace, store: Store, grid: Grid, tables: Tables) -> None:
+        """Move the contacts on with the velocities of the substep before."""
+        if self.contacts:
+            k.follow_structure_contacts(store.particles, self.near, self.touching, grid, tables.step.dt, self.force)
+
+    def push(self, k: SimpleNamespace, store: Store, tables: Tables, steps: int, grid: Grid) -> None:
+        """Add the impulses of the structures to the velocities of the nodes, and book them; ``steps`` is as for :meth:`find`."""
+        near, t, dt, real = self.near, self.touching, tables.step.dt, self.force.dtype.type
         if self.contacts == 0:
             return
         k.share_structure_contacts(near, t, grid)
@@ -121,7 +131,7 @@ def _by_node(values: np.ndarray, dtype: Any) -> np.ndarray:
 
 
 def _rows(n: int, real: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Slots, patches, measurements and impulses of so many contacts."""
+    """Entries, patches, measurements and impulses of so many contacts."""
     return np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros((n, 8), real), np.zeros((n, 4), real), np.zeros((n, 4), real)
 
 

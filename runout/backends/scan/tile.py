@@ -2,20 +2,23 @@
 
        rows  0 .. 15  record            24  code of the move           28  refused move
             16 .. 23  state             25  speed squared              29  large strain
-            31 .. 46  rates             26  largest move [cells]       30  whether the column holds a particle
+            31 .. 46  rates, or sums    26  largest move [cells]       30  whether the column holds a particle
             47 .. 62  slips             27  dissipated energy
 
-Rates and slips are those of the gradient transfers.
+Rates and slips are those of the gradient transfers. Sums are those of velocities and moments over the substeps of a transfer
+(:mod:`runout.backends.scan.substep`).
 """
 
 from runout.backends.lanes import local_array, record_vectors, row_vectors
-from runout.physics.moments import moment_about
-from runout.physics.tensors import vec
+from runout.physics.moments import moment_about, momentum_at, velocity_gradient
+from runout.physics.substeps import force_columns, inverse_deformation, stress_at_start
+from runout.physics.tensors import real, vec
 
 TILE = 32
 # rows of a tile after the 16 numbers of the record and the 8 of the state
 CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
 RATE, SLIP = 31, 47  # first of the 16 rows of rates, and of slips, where GRADIENT_TRANSFER is set
+SUMS = RATE  # the same rows where SEVERAL is set
 local_tile = local_array((SLIP + 16, TILE))
 load_records, store_records = record_vectors(16)
 load_states, store_states = record_vectors(8)
@@ -32,10 +35,10 @@ def _about_particles(r):
     return (r[0], *v, r[4], *x, r[8], *y, r[12], *z)
 
 
-def _load_tile(t, rec, state, p, groups):
-    """Transpose records and states from slot ``p`` on into the columns of a tile."""
+def _load_tile(t, rec, k, state, p, groups):
+    """Transpose records from place ``k`` on, and states from place ``p`` on, into the columns of a tile."""
     for g in range(groups):
-        store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
+        store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (k + 16 * g))))
         store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
 
 
@@ -46,9 +49,15 @@ def _load_rates(t, rates, slips, p, groups):
         store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (p + 16 * g)))
 
 
-def _store_tile(t, rec, state, p, groups):
+def _load_sums(t, rec, p, groups):
+    """Transpose the sums over the substeps, which the records from slot ``p`` on hold."""
     for g in range(groups):
-        store_records(rec, 16 * (p + 16 * g), load_16_rows(t, 16 * g))
+        store_16_rows(t, SUMS * TILE + 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
+
+
+def _store_tile(t, rec, k, state, p, groups):
+    for g in range(groups):
+        store_records(rec, 16 * (k + 16 * g), load_16_rows(t, 16 * g))
         store_states(state, 8 * (p + 16 * g), load_8_rows(t, 16 * TILE + 16 * g))
 
 
@@ -60,3 +69,33 @@ def _rows(t, p, k):
 def _moments(t, p):
     """Columns of first moments [m/s] of a column of a tile."""
     return _rows(t, p, 5), _rows(t, p, 9), _rows(t, p, 13)
+
+
+def _way_gradient(t, p, s):
+    """Gradient [1] of the way since the start of the transfer, from the sums of a column."""
+    return velocity_gradient(_rows(t, p, SUMS + 5), _rows(t, p, SUMS + 9), _rows(t, p, SUMS + 13), s)
+
+
+def _sums_before(t, p, k):
+    """Three sums of a column from row ``k`` of the record on, without what the last substep has added."""
+    return vec(t[SUMS + k, p] - t[k, p], t[SUMS + k + 1, p] - t[k + 1, p], t[SUMS + k + 2, p] - t[k + 2, p])
+
+
+def _way_before(t, p, s):
+    """The same before the last substep."""
+    return velocity_gradient(_sums_before(t, p, 5), _sums_before(t, p, 9), _sums_before(t, p, 13), s)
+
+
+def _stay_on_grid(t, p, tau, s):
+    """Replace velocity and moments of a column, which its sums contain, by the impulse of its internal force."""
+    at_start = stress_at_start(tau, inverse_deformation(_way_gradient(t, p, s)))
+    f = force_columns(at_start, t[23, p], s)
+    ax = vec(f[0], f[1], f[2])
+    ay = vec(f[3], f[4], f[5])
+    az = vec(f[6], f[7], f[8])
+    nothing = vec(real(0.0), real(0.0), real(0.0))
+    to_node = vec(real(1.0) - t[4, p], real(1.0) - t[8, p], real(1.0) - t[12, p])
+    t[1, p], t[2, p], t[3, p] = momentum_at(nothing, ax, ay, az, to_node)
+    t[5, p], t[6, p], t[7, p] = ax
+    t[9, p], t[10, p], t[11, p] = ay
+    t[13, p], t[14, p], t[15, p] = az

@@ -15,7 +15,7 @@ import numpy as np
 from runout.backends.footprints import lattice_columns
 from runout.backends.initial_stress import InitialStress, pressed_by
 from runout.backends.resting_particles import ReleaseParticles, settled_in
-from runout.backends.scan.backend import PARTS, ScanBackend
+from runout.backends.scan.backend import OF_SUBSTEPS, PARTS, ScanBackend
 from runout.backends.scan.deferred_code import make_code_when_called
 from runout.backends.scan.precompile import WARM_UP
 from runout.backends.scan.shared_parts import complete, share
@@ -33,6 +33,7 @@ from runout.release.sample import Sampling
 
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
+SUBSTEPS = 3  # of the scenes that have several; every other transfer has one
 COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: the compiler makes many objects and few cycles
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
@@ -52,7 +53,8 @@ def _job() -> tuple[Scene, Particles, str, Path]:
     gc.set_threshold(*COLLECT)
     scene, particles = small_slope(materials, friction, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
-    return replace(scene, friction_zones=zones, structures=structures), particles, kind, Path(folder)
+    substeps = SUBSTEPS if "substeps" in kind else 1
+    return replace(scene, friction_zones=zones, structures=structures, substeps=substeps), particles, kind, Path(folder)
 
 
 def warm_up() -> None:
@@ -80,7 +82,8 @@ def warm_up_ahead() -> None:
 def _parts(scene: Scene, particles: Particles) -> dict[str, Callable[[], object]]:
     """Parts of the kernels, by what calls them; the first is called by others, the longest of the others come first."""
     loaded, empty = (cache(partial(_loaded, scene, p)) for p in (particles, Particles.zeros(0)))
-    of_steps = {name: partial(_pass, empty, name, scene.stable_step(SPEED)) for name in PARTS}
+    parts = (*OF_SUBSTEPS, *PARTS) if scene.substeps > 1 else PARTS
+    of_steps = {name: partial(_pass, empty, name, scene.stable_step(SPEED)) for name in parts}
     footprints = partial(lattice_columns, scene, particles, particles.volume[0])
     fill = partial(_fill_release, scene)
     sums = {"columns": lambda: loaded().columns(), "lattice": lambda: loaded().lattice_columns()}
@@ -102,7 +105,7 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
     engine = ScanBackend(threads=1)
     engine.load(scene, particles)
     for k in range(STEPS):
-        engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
+        engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9), scene.substeps if k % 2 else 1)
         if k % 8 == 0:
             engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
     if scene.basal.law.drags_column and len(scene.materials) > 1:
