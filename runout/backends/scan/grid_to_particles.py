@@ -305,10 +305,12 @@ def _gather_again(particles, f, count, nodes, records, k):
 
     If the transfer goes on, their sums go on too.
     """
-    rec, cell = particles.rec, particles.cell
+    rec, state, cell = particles.rec, particles.state, particles.cell
     ready = local_weights(rec)
     _weigh(rec, f * np.uint64(16), ready, _place_of(f))
     for p in range(f, f + count):
+        prefetch(rec, (p + np.uint64(AHEAD)) * np.uint64(16))
+        prefetch(state, (p + np.uint64(AHEAD)) * np.uint64(8))
         _weigh(rec, (p + np.uint64(1)) * np.uint64(16), ready, _place_of(p + np.uint64(1)))
         rows = _load_rows(nodes, _first_node(np.uint64(cell[p])))
         seen = _gather(rec, p * np.uint64(16), ready, _place_of(p), rows)

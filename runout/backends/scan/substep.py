@@ -151,8 +151,7 @@ def _go_on(arenas, down, b, nodes, columns, dv):
 def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, step, buffers, motion, first):
     """One substep of all particles on the grid of their transfer, the ``first`` one or a later one.
 
-    ``nodes`` (nall, 256) hold the velocities after the substep before, and get those before contacts. Returns the dissipated
-    energy [J].
+    ``nodes`` (nall, 256) hold velocities after the substep before, and get those before contacts. Returns the energy lost [J].
     """
     rec, state, starts, firsts = particles.rec, particles.state, blocks.starts, blocks.first
     values, cursors, reached = arenas.values, arenas.cursors, arenas.reached
