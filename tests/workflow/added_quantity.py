@@ -32,7 +32,7 @@ def main(folder: Path) -> dict:
     members = plan_members(site)
     for member in members:
         simulate_member(site, member, results)
-    write_products(site, results, planned_table(site, results))
+    write_products(site, results, planned_table(site))
     fields = simulate(**site.member_arguments(members[0].parameters) | {"seed": members[0].seed}).fields
     hazard, stack = (netcdf.read(results / name) for name in ("hazard.nc", "members.nc"))
     return {
