@@ -23,7 +23,7 @@ def main(site_folder: Path, results: Path) -> Path:
     for release in site.releases(terrain):
         print(f"release {release.name}: {release.volume:.4g} m3 on {release.area:.4g} m2")
     finished = grow(site, results)
-    write_products(site, results, planned_table(site, results, finished.members), finished)
+    write_products(site, results, planned_table(site, finished.members), finished)
     return write_report(site, results)
 
 

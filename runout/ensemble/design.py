@@ -1,19 +1,22 @@
 """Table of members: scrambled Sobol points, mapped by the inverse distribution of every sampled parameter."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.ensemble.sobol import sobol_points
 from runout.errors import ConfigError
-from runout.io.atomic import read_json, write_json
+from runout.forecast import engine_notes
+from runout.io import source_code
 from runout.io.provenance import checksum
 
 if TYPE_CHECKING:
     import pandas as pd
+
+SOBOL_BITS = 30  # points are multiples of 2**-30
+MOST_NOTED = 2**16  # numbers in a note
 
 
 @dataclass(frozen=True)
@@ -48,23 +51,7 @@ class Design:
         count, parameters = members or ensemble.members, dict(ensemble.parameters or {})
         if count < 1:
             raise ConfigError(f"ensemble.members is {count}; at least 1 is needed")
-        names = sorted(parameters)  # independent of the order in the file
-        points = sobol_points(count, len(names), ensemble.seed)
-        sampled = {name: quantiles(parameters[name], points[:, i], name).tolist() for i, name in enumerate(names)}
-        return cls({name: sampled[name] for name in parameters}, [member_seed(ensemble.seed, i) for i in range(count)])
-
-    @classmethod
-    def stored(cls, path: Path, key: str) -> "Design | None":
-        """The design in a file that :meth:`store` wrote under the same key; None if there is none, or it is damaged."""
-        found = read_json(path)
-        content: dict[str, Any] = {name: found.get(name) for name in ("values", "seeds")}
-        if found.get("key") != key or found.get("checksum") != checksum(content):
-            return None
-        return cls(**content)
-
-    def store(self, path: Path, key: str) -> None:
-        """Write the design to a file, under the key of what it was made from: loading scipy takes longer than reading it."""
-        write_json({"key": key, "checksum": checksum(asdict(self)), **asdict(self)}, path)
+        return cls(_sampled(parameters, count, ensemble.seed), [member_seed(ensemble.seed, i) for i in range(count)])
 
 
 def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
@@ -91,6 +78,41 @@ def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
     if design.values:
         table.attrs["design"] = "sobol"
     return table
+
+
+def _sampled(parameters: Mapping[str, Any], count: int, seed: int) -> dict[str, list[float]]:
+    """Values (count,) of each parameter, from the notes of this machine if they are there.
+
+    To import the part of scipy that makes them takes 0.8 s; so long a command without a run would take more.
+    """
+    if not parameters or count * len(parameters) > MOST_NOTED:
+        return _newly_sampled(parameters, count, seed)
+    stated = [[name, vars(distribution)] for name, distribution in parameters.items()]
+    of = [version("scipy"), source_code.checksums().members, count, seed, stated]
+    noted = engine_notes.known("design", of, engine_notes.MONTH)
+    if isinstance(noted, dict) and noted.get("checksum") == checksum(noted.get("values")):
+        return {name: noted["values"][name] for name in parameters}
+    values = _newly_sampled(parameters, count, seed)
+    engine_notes.note("design", of, {"checksum": checksum(values), "values": values})
+    return values
+
+
+def _newly_sampled(parameters: Mapping[str, Any], count: int, seed: int) -> dict[str, list[float]]:
+    names = sorted(parameters)  # independent of the order in the file
+    points = sobol_points(count, len(names), seed)
+    sampled = {name: quantiles(parameters[name], points[:, i], name).tolist() for i, name in enumerate(names)}
+    return {name: sampled[name] for name in parameters}
+
+
+def sobol_points(count: int, dimensions: int, seed: int) -> np.ndarray:
+    """Scrambled Sobol points (count, dimensions), strictly between 0 and 1; more points keep the first ones."""
+    if dimensions == 0:
+        return np.empty((count, 0))
+    from scipy.stats import qmc
+
+    sampler = qmc.Sobol(dimensions, scramble=True, bits=SOBOL_BITS, seed=seed)
+    points = sampler.random_base2((count - 1).bit_length())[:count]  # scipy warns unless the number is a power of two
+    return points + 0.5**SOBOL_BITS / 2  # type: ignore[no-any-return]  # 0 would give an infinite quantile of a normal distribution
 
 
 def member_seed(seed: int, member: int) -> int:

@@ -77,27 +77,15 @@ def failure_file(file: Path) -> Path:
     return file.with_name(f"{file.stem}.failed.json")
 
 
-def design_file(results: Path) -> Path:
-    """Where the sampled parameters of the members go."""
-    return Path(results) / "design.json"
-
-
-def plan_members(site: "Site", results: Path | None = None) -> list[Member]:
+def plan_members(site: "Site") -> list[Member]:
     """All members of a site with their keys.
-
-    Parameters
-    ----------
-    site : Site
-    results : Path, optional
-        Results folder, in which the sampled parameters may be stored (see :func:`store_design`).
 
     Raises
     ------
     InputError
         If an input file cannot be read.
     """
-    stored = Design.stored(design_file(results), _design_key(site)) if results else None
-    design = stored or Design.of(site.settings.ensemble)
+    design = Design.of(site.settings.ensemble)
     common, names = _common_key(site), list(design.values)
     samples = [dict(zip(names, map(float, row), strict=True)) for row in zip(*design.values.values(), strict=True)]
     samples = samples or [{} for _ in design.seeds]
@@ -107,27 +95,14 @@ def plan_members(site: "Site", results: Path | None = None) -> list[Member]:
     ]
 
 
-def planned_table(site: "Site", results: Path | None = None, members: int | None = None) -> "pd.DataFrame":
+def planned_table(site: "Site", members: int | None = None) -> "pd.DataFrame":
     """:func:`runout.ensemble.design.member_table` of a site with ``file``, the name of each member's file in ``members/``.
 
     ``members`` is the number of members that count, of an ensemble with a tolerance; all by default.
     """
     table = member_table(site.settings.ensemble, members)
-    table["file"] = [f"{member.name}.nc" for member in plan_members(site, results)[:members]]
+    table["file"] = [f"{member.name}.nc" for member in plan_members(site)[:members]]
     return table
-
-
-def store_design(site: "Site", results: Path) -> None:
-    """Store the sampled parameters of a site in its results folder, unless they are there."""
-    path, key = design_file(results), _design_key(site)
-    if Design.stored(path, key) is None:
-        Design.of(site.settings.ensemble).store(path, key)
-
-
-def _design_key(site: "Site") -> str:
-    ensemble = site.settings.ensemble
-    stated = {name: vars(distribution) for name, distribution in (ensemble.parameters or {}).items()}
-    return checksum([source_code.checksums().members, ensemble.members, ensemble.seed, list(stated.items())])
 
 
 def _common_key(site: "Site") -> str:

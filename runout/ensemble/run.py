@@ -180,7 +180,7 @@ def run_ensemble(
     results = Path(results).absolute() if cluster else Path(results)
     require_own_results(results)
     inputs = Unchanged(site.inputs())
-    members, folder = plan_members(site, results), members_folder(results)
+    members, folder = plan_members(site), members_folder(results)
     if part is not None:
         members = [member for member in members if member.number in part]
     with exclusive(folder) if part is None else shared(folder):

@@ -112,7 +112,7 @@ class Standing:
 
 def standings(site: "Site", results: Path) -> list[Standing]:
     """State of every member of a site, in the order of their numbers."""
-    written, members = Written(results), plan_members(site, results)
+    written, members = Written(results), plan_members(site)
     if not members_folder(results).is_dir():  # avoids a search for files of each member
         return [Standing(member, State.LEFT, NOT_RUN) for member in members]
     found = [Standing(member, *member_state(member, results, written)) for member in members]

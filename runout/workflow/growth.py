@@ -153,7 +153,7 @@ def grow(site: "Site", results: Path, run: Run | None = None) -> EnsembleReport:
     start = asked(site)
     if start is None:
         return run(None)
-    growth, report, members = start, run(range(SMALLEST_NET)), plan_members(site, results)
+    growth, report, members = start, run(range(SMALLEST_NET)), plan_members(site)
     while not growth.finished and report.valid:
         if report.members < growth.members:
             report = report.joined(run(range(report.members, growth.members)))

@@ -51,7 +51,7 @@ def clean(site_path: Path, out: Path | None = None) -> int:
     from runout.workflow.study import Study
 
     study = Study.open(site_path, out)
-    log.output().print(f"removed {statement(*remove_unused(study.results, plan_members(study.site, study.results)))}")
+    log.output().print(f"removed {statement(*remove_unused(study.results, plan_members(study.site)))}")
     return ExitCode.OK
 
 

@@ -80,7 +80,7 @@ def _scene(study: Study, number: int, file: str) -> "FlowScene":
     from runout.ensemble.member import members_folder, plan_members
 
     site = study.site
-    terrain, member = site.terrain(), plan_members(site, study.results)[number]
+    terrain, member = site.terrain(), plan_members(site)[number]
     return maximum_scene(
         members_folder(study.results) / file, terrain, site.releases(sample=member.parameters),
         title=f"{site.settings.title or site.name}, member {number}",

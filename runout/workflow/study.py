@@ -122,7 +122,7 @@ class Study:
         """Table of the members that count: parameters, weights, seeds, files."""
         from runout.ensemble.member import planned_table
 
-        return planned_table(self.site, self.results, self.growth.members if self.growth else None)
+        return planned_table(self.site, self.growth.members if self.growth else None)
 
     @cached_property
     def standings(self) -> "list[Standing]":
@@ -168,7 +168,7 @@ class Study:
         from runout.ensemble.member import plan_members
         from runout.ensemble.unused import unused_files
 
-        return unused_files(self.results, plan_members(self.site, self.results))
+        return unused_files(self.results, plan_members(self.site))
 
     def member_files(self, state: str) -> list[Path]:
         """Files of the members of a state."""
@@ -220,10 +220,7 @@ class Study:
             raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {quote(str(self.site.folder))}` first")
 
     def keep(self) -> None:
-        """Keep for the next run what this one found out about inputs and members."""
-        from runout.ensemble.member import store_design
-
-        store_design(self.site, self.results)
+        """Keep for the next run what this one found out about inputs."""
         self.site.files.known.save()
 
     def key(self, stage: Stage) -> str:

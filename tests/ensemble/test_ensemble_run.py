@@ -17,7 +17,7 @@ from netCDF4 import Dataset
 
 from runout import log
 from runout.ensemble import machine, workers
-from runout.ensemble.member import Member, design_file, plan_members, store_design, stored_key
+from runout.ensemble.member import Member, plan_members, stored_key
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import standings
 from runout.ensemble.unused import remove_unused, unused_files
@@ -326,21 +326,6 @@ def test_status_lists_members_done_failed_and_left(tmp_path):
         bad = standing.member.parameters[ANGLE] < 4
         assert standing.state == ("failed" if bad else "done")
         assert standing.reason.startswith("density is -3") == bad
-
-
-def test_sampled_parameters_are_read_from_the_results_and_made_anew_when_the_ensemble_or_the_file_changed(tmp_path, monkeypatch):
-    place, results = site(tmp_path, members=4), tmp_path / "results"
-    run(place)
-    plan = plan_members(place)
-    store_design(place, results)
-    with monkeypatch.context() as patched:
-        patched.setattr("runout.ensemble.design.sobol_points", None)  # not called
-        assert plan_members(place, results) == plan
-    for other in (site(tmp_path, members=8), site(tmp_path, members=4, seed=2)):
-        assert plan_members(other, results) == plan_members(other) != plan
-    file = design_file(results)
-    file.write_text(file.read_text().replace(str(plan[0].seed), str(plan[0].seed + 1)))
-    assert plan_members(place, results) == plan
 
 
 def test_missing_input_is_refused_by_name(tmp_path):

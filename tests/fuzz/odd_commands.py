@@ -31,7 +31,7 @@ GOOD = {
     "workers": "1", "threads": "1", "members": "0:1", "camera": "top", "thickness": "depth", "frames": "2", "snapshots": "2",
 }  # fmt: skip
 RECORDS = (
-    *("stages.json", "checksums.json", "design.json", "inputs.json", "run.json", "sampling.json", "convergence.json", "run.log"),
+    *("stages.json", "checksums.json", "inputs.json", "run.json", "sampling.json", "convergence.json", "run.log"),
     *("terrain.nc", "release.nc", "hazard.nc", "members.nc", "structures.nc", "report.html", "outlines.gpkg", "members/x.nc"),
     *("members/0123456789abcdef.nc", "members/0123456789abcdef.failed.json", "members/0123456789abcdef.checkpoint.npz"),
     *("members/.lock", ".locks/terrain", "maps/peak_speed.tif", "simulations/0000.nc", "probes/x.nc", ".x.nc.abc.part"),

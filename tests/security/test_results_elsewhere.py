@@ -26,7 +26,7 @@ from runout.processes import caches
 from runout.workflow import hazard_map
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="links and pipes of POSIX")
-NAMES = ["run.log", "stages.json", "inputs.json", "design.json", "checksums.json", "hazard.nc", "terrain.nc", "run.json",
+NAMES = ["run.log", "stages.json", "inputs.json", "checksums.json", "hazard.nc", "terrain.nc", "run.json",
          "report.html", "members", "maps", "simulations", "animations", "probes", "screen", "slopes", ".locks", "members/x.nc",
          "members/.lock",
          "maps/a.tif", ".locks/terrain", "simulations/0000.nc", "maps/deep/er/a.tif"]  # fmt: skip
