@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runout import Terrain, scores
+from runout import scores
 from runout.errors import ObservationError
-from runout.scores.read import read_thalweg
 
 EAST = scores.Thalweg(np.array([[0.0, 0.0], [100.0, 0.0]]))
 BENT = scores.Thalweg(np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 80.0]]))  # turns left
@@ -201,45 +200,3 @@ def test_places_beside_a_surveyed_thalweg_with_bends_come_back_as_s_and_l(public
         assert along == pytest.approx(s, abs=1e-6)
         assert across == pytest.approx(np.full(len(s), offset), abs=1e-6)
     assert line.resampled(10.0).length == pytest.approx(line.length)
-
-
-@pytest.fixture
-def line_file(tmp_path):
-    """Function that writes lines to a file and reads them as a thalweg on a slope that falls from 159 to 0 m to the east."""
-    import geopandas
-    import shapely
-
-    slope = np.broadcast_to(np.arange(159.0, -1.0, -1.0), (60, 160))
-    corner = 5e5, 5.2e6
-    terrain = Terrain.from_array(slope, 1.0, crs="EPSG:32632", origin=corner)
-
-    def read(*lines):
-        places = [np.add(line, corner) for line in lines]
-        path = tmp_path / "line.gpkg"
-        geopandas.GeoDataFrame(geometry=[shapely.LineString(p) for p in places], crs="EPSG:32632").to_file(path)
-        found, changes = read_thalweg(path, terrain)
-        return np.subtract(found.points, corner), changes
-
-    return read
-
-
-def test_a_thalweg_of_a_file_runs_downhill_and_its_parts_are_joined(line_file):
-    points, changes = line_file([(10.5, 30), (60, 30)], [(60, 30), (120.5, 20)])
-    np.testing.assert_allclose(points, [(10.5, 30), (60, 30), (120.5, 20)])
-    assert not changes
-    points, changes = line_file([(120.5, 20), (60, 30), (10.5, 30)])
-    np.testing.assert_allclose(points, [(10.5, 30), (60, 30), (120.5, 20)])
-    assert "runs uphill, from 39 to 149 m" in changes[0]
-
-
-@pytest.mark.parametrize(
-    ("lines", "said"),
-    [
-        ([[(10, 30), (60, 30)], [(80, 30), (120, 20)]], r"holds 2 features \(LineString\); a thalweg is one line"),
-        ([[(10, 30), (60, 30)], [(60, 30), (90, 20)], [(60, 30), (90, 40)]], "holds 3 features"),
-        ([[(10, 300), (60, 300)]], "does not meet"),
-    ],
-)
-def test_a_thalweg_of_a_file_is_one_line_on_the_terrain(line_file, lines, said):
-    with pytest.raises(ObservationError, match=said):
-        line_file(*lines)
