@@ -181,6 +181,24 @@ def test_volumes_of_a_change_are_in_cubic_metres_and_leave_out_unknown_cells():
     }
 
 
+def test_the_statement_of_observations_has_their_areas_and_volumes():
+    grid = scores.Grid(0.0, 0.0, (2.0, 3.0), (3, 3))
+    deposit, change = np.zeros((2, 3, 3))
+    deposit[:2, :2], change[:2, :2] = [[1.5, 0.0], [np.nan, 2.5]], [[-4.0, 1.0], [0.5, -1.0]]
+    gauges = Gauges(np.array([1.0, 3.0]), np.array([1.0, 1.0]), {"arrival_time": np.array([5.0, np.nan])})
+    line = scores.Thalweg(np.array([[0.0, 0.0], [3.0, 4.0]]))
+    outline = shapely.box(0.0, 0.0, 4.0, 3.0)
+    said = Observations(grid, outline, deposit=deposit, change=change, gauges=gauges, thalweg=line).statement()
+    for part in (
+        "12 m2",
+        "deposit, 24 m3 (1 of 9 cells unknown)",
+        "-30 and +9 m3",
+        "2 gauges (1 of arrival time)",
+        "thalweg of 5 m",
+    ):
+        assert part in said
+
+
 def test_a_deposit_on_its_own_scar_changes_the_ground_by_both():
     """8 m are taken and 3 m stay in one cell, 5 m lie beside it: -5 and +5 m."""
     change = scores.elevation_change(deposit=np.array([[3.0, 5.0]]), release=np.array([[8.0, 0.0]]))

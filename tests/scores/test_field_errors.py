@@ -90,6 +90,7 @@ def test_change_of_elevation_of_a_slide_by_parts():
     assert found.deposition_area.critical_success_index == 0.5
     assert found.change.rmse == pytest.approx(math.sqrt((1 + 4 + 1) / 4))
     assert found.change.modelled_sum == -20.0
+    assert scores.change_errors(modelled, observed).change.modelled_sum == -2.0  # heights, where no cell area is given
 
 
 @given(CHANGE, CHANGE)
