@@ -33,7 +33,10 @@ SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bo
     "float64": {"strain_in_place": 255, "grid_to_particles": 255, "solve_contacts": 168},
 }
 SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
-SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
+SPILLED: dict[str, dict[str, int]] = {  # bytes a thread; cut_tiles runs once a sort, not once a step
+    "float32": {"cut_tiles": 48},
+    "float64": {"particles_to_grid": 272, "cut_tiles": 48},
+}
 
 
 def resources(cubin: Path) -> dict[str, dict[int, int]]:

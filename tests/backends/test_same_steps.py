@@ -44,7 +44,7 @@ class Engine:
     def stable_step(self):
         return self.scene.stable_step(self.max_speed)
 
-    def step(self, dt):
+    def step(self, dt, substeps=1):
         self.scene.require_stable(dt, self.max_speed, self.made)
         self.made += 1
         if self.made == 3:

@@ -169,7 +169,7 @@ def test_a_format_of_structures_is_read_placed_and_checked(tmp_path):
     python(package, "-m", "runout", "check", site)
     code = (
         "import sys; from runout.config.site import read_site; from runout.structures.mesh_faults import volume\n"
-        "site = read_site(sys.argv[1]); (body,) = site.structures.bodies(site.terrain()).solids\n"
+        "site = read_site(sys.argv[1]); (body,) = site.files.bodies().solids\n"
         "print(body.name, volume(body.vertices, body.faces), *body.box.ravel())"
     )
     name, *numbers = python(package, "-c", code, site).split()

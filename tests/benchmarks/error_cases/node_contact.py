@@ -21,8 +21,10 @@ def node_contact() -> Any:
     return engine
 
 
-def _touch_nodes(engine: Any, stencils: Any, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
-    """Change the velocities of nodes below the surface."""
+def _touch_nodes(
+    engine: Any, contacts: Any, way: np.ndarray, stencils: Any, mass: np.ndarray, velocity: np.ndarray, dt: float, *, first: bool
+) -> None:
+    """Change the velocities of nodes below the surface, in place of those of particles in contact."""
     x = np.zeros((stencils.size, 3))
     x[stencils.node.ravel()] = (engine._p.position(engine.spacing)[:, None, :] + stencils.arm).reshape(-1, 3)
     mass = mass.reshape(-1)
