@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import SAND, assert_same, box, engine_of, loaded, plane, scene
+from test_same_steps import run
 from test_sparse_equals_dense import CASES, CLAY, two_bodies
 
 from runout.errors import ConfigError
@@ -85,3 +86,30 @@ def test_number_of_substeps_follows_the_speed():
     assert a_scene.substep_count(dt, 0.2 / dt) == 2
     assert a_scene.substep_count(dt, 0.4 / dt) == 1
     assert replace(a_scene, substeps=1).substep_count(dt, 2 * substeps.SLOWEST / dt) == 1
+
+
+@pytest.fixture(scope="module")
+def substepped():
+    """Runs of a slide down a ramp with up to four substeps, by backend."""
+    return {name: run(name, 4e6, substeps=4) for name in ("reference", "scan", "hash")}
+
+
+@pytest.mark.parametrize("name", ["scan", "hash"])
+def test_a_run_with_substeps_is_that_of_the_reference(substepped, name):
+    expected, found = substepped["reference"], substepped[name]
+    assert found.steps == expected.steps
+    for field in ("max_flow_thickness", "max_speed", "deposit_thickness"):
+        scale = np.nanmax(expected.fields[field])
+        np.testing.assert_allclose(found.fields[field], expected.fields[field], rtol=0, atol=2e-3 * scale, err_msg=field)
+
+
+@pytest.mark.parametrize("name", ["reference", "scan", "hash"])
+def test_a_run_with_substeps_keeps_mass_and_energy_in_the_ledger(substepped, name):
+    """The work of all substeps is booked: what is left for the transfers is a loss, as small as with one substep."""
+    lost = []
+    for result in (run(name, 4e6), substepped[name]):
+        series = result.series
+        np.testing.assert_allclose(series["mass"] + series["escaped_mass"], series["mass"][0], rtol=1e-6)
+        freed = series["potential_energy"][0] - series["potential_energy"][-1]
+        lost.append(series["numerical_dissipation"][-1] / freed)
+    assert 0.0 < lost[1] < 1.2 * lost[0] < 0.03
