@@ -106,7 +106,9 @@ def least_resolved(site: "Site", members: "Sequence[Stiffness]") -> DepthResolut
     for k in sorted(chosen):
         arguments = site.member_arguments(samples[k])
         scene = _scene(arguments, members[k].materials)
-        found.append(DepthResolution.of(depth_of_flow(arguments, members[k].flow_speed), scene, scene.stable_step(0.0)))
+        step, speed = scene.stable_step(0.0), members[k].flow_speed
+        transfer = step * scene.substep_count(step, speed)
+        found.append(DepthResolution.of(depth_of_flow(arguments, speed), scene, transfer))
     return min(found, key=lambda one: one.depth)
 
 

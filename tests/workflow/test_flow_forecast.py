@@ -51,6 +51,16 @@ def test_the_member_that_is_resolved_least_is_forecast_from_the_fastest_and_the_
     assert found.cells_through_depth == pytest.approx(found.depth / 10.0)
 
 
+def test_the_viscosity_of_transfers_is_forecast_with_their_substeps(tmp_path):
+    found = []
+    for substeps in (1, 4):
+        text = SITE.replace("2.0e+6", "8.0e+7").replace("end_time: 20", f"end_time: 20, substeps: {substeps}")
+        site = runout.read_site(write_site(tmp_path / f"of_{substeps}", text))
+        members = member_stiffness(site, site.data().releases, None, [m.parameters for m in plan_members(site)])
+        found.append(flow_forecast.least_resolved(site, members).numerical_viscosity)
+    assert found[1] == pytest.approx(found[0] / 4)
+
+
 def test_a_slab_that_goes_twelve_times_its_length_down_a_smooth_slope_comes_to_rest_at_once(tmp_path):
     """A long way alone makes no tail: all of the mass moves alike, thin as it is."""
     easting = 10.0 * np.arange(150) + 5.0
