@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from numbers import Integral
 from typing import Any, Self
 
 from runout.errors import ConfigError, StabilityError
@@ -60,7 +61,7 @@ class Scheme:
         if self.sleep_speed and (self.f_bar or not self.packed):
             raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
         checked("substeps", self.substeps, error=ConfigError)
-        if self.substeps != int(self.substeps):
+        if not isinstance(self.substeps, Integral):
             raise ConfigError(f"substeps is {self.substeps!r}; it must be a whole number")
         if self.substeps > 1 and (self.f_bar or self.sleep_speed or not self.packed):
             also = "it works with transfer mls, without f_bar and sleep_speed; leave these out, or substeps"

@@ -68,6 +68,8 @@ def test_a_transfer_of_more_substeps_than_the_scene_has_is_refused():
         ({"substeps": 0}, "substeps is 0"),
         ({"substeps": 65}, "substeps is 65"),
         ({"substeps": 2.5}, "whole number"),
+        ({"substeps": 4.0}, "whole number"),
+        ({"substeps": True}, "substeps is True"),
         ({"substeps": 4, "transfer": "aflip"}, "transfer mls"),
         ({"substeps": 4, "f_bar": True}, "without f_bar"),
         ({"substeps": 4, "sleep_speed": 0.1}, "sleep_speed"),
