@@ -53,7 +53,8 @@ by a fifth. On a GPU ({card}, float32, layers of `runout bench`), nanoseconds a 
 
 {gpu}
 
-On the CPU a substep costs what a step costs. On a GPU it costs more, since each substep finds its contacts again.
+On this CPU a substep costs what a step costs, within the spread of the runs. On this GPU it costs more; each substep finds its
+contacts again there. How much of the difference that takes was not measured.
 
 ## Full table
 
@@ -68,7 +69,8 @@ On the CPU a substep costs what a step costs. On a GPU it costs more, since each
 Times of scan are those of the first command without a device. Copy the records to `tests/benchmarks/records/` (`substeps.json`
 holds the others under `grids`, `gpu` and `scan`); `python -m docs.pages` then writes this page, its table and its figure.
 
-Record: runout {runout}, commit {commit}, NumPy {numpy}.
+Record: runout {runout}, commit {commit}, NumPy {numpy}. Nine spacings and times on the GPU: commit {gpu_commit}, whose kernels of
+substeps also worked on nodes without mass.
 """
 
 
@@ -89,7 +91,8 @@ def page(record: Mapping[str, Any]) -> StudyPage:
         reference=record["reference"], errors=markdown(heads, errors), seeds=np.median(apart), most_seeds=max(apart),
         finest=", ".join(finest), work=_work_table(runs, coarse, numbers[1:]), grids=_grids(record["grids"]),
         engine=record["grids"]["engine"], scan=_scan(record["scan"]),
-        card=record["gpu"]["device"], gpu=_gpu(record["gpu"]["records"]), table=download("substeps.csv", f"all {len(runs)} runs"),
+        gpu_commit=record["gpu"]["commit"], card=record["gpu"]["device"],
+        gpu=_gpu(record["gpu"]["records"]), table=download("substeps.csv", f"all {len(runs)} runs"),
         **{name: record["versions"][name] for name in ("runout", "commit", "numpy")},
     )  # fmt: skip
     names = ("site", "cell", "substeps", "seed", *ERRORS, "centre", "numerical", "particle_steps")
@@ -108,13 +111,13 @@ def _by_number(runs: Sequence[Mapping[str, Any]], site: str, cell: float, number
 
 def _pairs(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> list[list[float]]:
     """Errors of the two seeds of each grid."""
-    found = (
+    seeds = (
         [r["peak"] for r in runs if (r["site"], r["cell"], r["substeps"]) == (site, cell, number)]
         for site, cells in coarse.items()
         for cell in cells
         for number in numbers
     )
-    return [errors for errors in found if len(errors) == 2]
+    return [errors for errors in seeds if len(errors) == 2]
 
 
 def work_at_equal_error(runs: Sequence[Mapping[str, Any]], site: str, cells: Sequence[float], number: int, key: str) -> float:
@@ -152,8 +155,8 @@ def _scan(times: Sequence[Mapping[str, Any]]) -> str:
     cases = dict.fromkeys((t["site"], t["cell"]) for t in times)
 
     def of(case: tuple[str, float], number: int) -> str:
-        found = [t["nanoseconds"] for t in times if (t["site"], t["cell"]) == case and t["substeps"] == number]
-        return ", ".join(f"{value:.0f}" for value in found)
+        nanoseconds = [t["nanoseconds"] for t in times if (t["site"], t["cell"]) == case and t["substeps"] == number]
+        return ", ".join(f"{value:.0f}" for value in nanoseconds)
 
     rows = [(TITLES[case[0]], f"{case[1]:g}", of(case, 1), of(case, 4)) for case in cases]
     return markdown(("flow", "cells [m]", "1 substep", "4 substeps"), rows)
