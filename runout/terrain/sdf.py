@@ -95,7 +95,7 @@ class _Raster:
     @cached_property
     def filtered(self) -> np.ndarray:
         """Elevations (k, l) [m] of the relief that the grid can carry, where the surface has coefficients."""
-        widths = [h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
+        widths = [relief.HALF_WIDTH * h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
         axes = enumerate(zip(self.elevation.shape[::-1], widths, strict=True))
         east, north = (relief.filter_weights(count, width, self._places(axis)) for axis, (count, width) in axes)
         return relief.along_both(north[:, ::-1], self.elevation, east).T

@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 
 from runout.io.atomic import write_json
+from runout.model.numerics import Scheme
 from runout.studies.work_precision import machine, versions
+from runout.terrain import relief
 
 RATIOS = (0.7, 1.0, 1.4, 1.7, 2.0, 2.4, 2.83, 3.4, 4.0)  # cells of the raster
 PLACES = {1.7: (1, 2, 3), 2.4: (1, 2, 3)}
@@ -46,12 +48,8 @@ def scenario(site: str) -> dict[str, Any]:
 
 
 def filter_by(share: float) -> None:
-    """Make the half-width of the filter of the ground so many times what it is, in this process: a study of that choice."""
-    from runout.terrain import relief
-
-    usual = relief.filtered
-    if share != 1.0:
-        relief.filtered = lambda z, half_width, places: usual(z, share * half_width, places)
+    """Filter the ground by this half-width, over the spacing of the grid, in this process: a study of that choice."""
+    relief.HALF_WIDTH = share
 
 
 def run(task: tuple[str, float, int, str, str, int]) -> dict[str, Any]:
@@ -97,8 +95,8 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--sites", nargs="+", default=SITES)
-    parser.add_argument("--substeps", type=int, default=1)
-    parser.add_argument("--half-width", type=float, default=1.0, help="of the filter of the ground, over the usual one")
+    parser.add_argument("--substeps", type=int, default=Scheme.substeps)
+    parser.add_argument("--half-width", type=float, default=relief.HALF_WIDTH, help="of the filter of the ground, over the spacing")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     how = chosen.backend, chosen.device, chosen.substeps

@@ -33,7 +33,6 @@ class Choice:
 FINE, COARSE = (2, 2, 14), (2, 2, 28)  # particles per cell of 5 m and 10 m: the same layers
 CHOICES = (
     Choice(5.0, 5.0, FINE),
-    Choice(5.0, 5.0, FINE, "aflip"),
     Choice(10.0, 5.0, FINE),
     Choice(10.0, 10.0, COARSE),
     Choice(20.0, 5.0, FINE),
