@@ -31,6 +31,7 @@ from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
+from runout.terrain.relief import half_width
 from runout.terrain.roughness import of_ground
 
 if TYPE_CHECKING:
@@ -130,12 +131,12 @@ def _relief(hazard: "xr.Dataset", terrain: Terrain, origin: Mapping[str, Any]) -
     """Entry of ``run.json`` on the relief of the ground that members reached, at their largest speeds there."""
     reached = hazard["members_reached"].values > 0
     speed = float(np.sqrt(np.mean(np.square(hazard["peak_speed"].values[reached])))) if reached.any() else 0.0
-    found = of_ground(terrain, _filter_half_width(origin), reached, speed)
+    found = of_ground(terrain, _spacing(origin), reached, speed)
     return {"relief": found.record()} if found else {}
 
 
-def _filter_half_width(origin: Mapping[str, Any]) -> tuple[float, float]:
-    """Half-width [m], east and north, of the filter that the grid puts on the ground: its spacing."""
+def _spacing(origin: Mapping[str, Any]) -> tuple[float, float]:
+    """Spacing of the grid [m], east and north."""
     return spacing_of(origin["configuration"]["simulation"]["cell_size"])[:2]
 
 
@@ -234,7 +235,7 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
         "inputs": json.dumps(origin["inputs"]),
         "versions": json.dumps(origin["versions"]),
         "device": origin["device"],
-        "ground_filter_half_width": np.array(_filter_half_width(origin)),
+        "ground_filter_half_width": np.array(half_width(_spacing(origin))),
         "command": origin["command"],
     } | (changes | study_attributes(stated_metadata(site)))
 

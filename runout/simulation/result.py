@@ -15,6 +15,7 @@ from runout.model.probe_series import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.simulation.structure_forces import StructureForces
+from runout.terrain.relief import half_width
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -228,5 +229,5 @@ class Result:
 
     def _attributes(self) -> dict[str, Any]:
         run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}
-        run |= {"ground_filter_half_width": np.array(self.spacing[:2])}
+        run |= {"ground_filter_half_width": np.array(half_width(self.spacing))}
         return run | dict(self.start) | self.depth_resolution.attributes()

@@ -1,8 +1,8 @@
 """Relief that a grid can carry: elevations filtered by the spacing of the grid, and where those of the raster stay.
 
 Relief of fewer than about four grid cells is not resolved. A flow meets it as friction, and as another one for each ratio of grid
-and raster. So the grid gets the raster, without its waves of two cells, averaged over a triangle of the spacing of the grid at its
-own nodes. The raster itself remains where it is smooth; where its waves of two cells are resolved, unless it is rougher than
+and raster. So the grid gets the raster, without its waves of two cells, averaged at its own nodes over a triangle somewhat wider
+than one of its cells. The raster itself remains where it is smooth; where its waves of two cells are resolved, unless it is rougher than
 terrain is; and at what stands out of the roughness around it, since dams, gullies and cliffs are what a map is asked for.
 """
 
@@ -16,7 +16,7 @@ from runout.model.surface import Surface, by_blocks
 from runout.physics import bspline, heightfield
 from runout.terrain.crests import Crests
 
-HALF_WIDTH = 0.7  # of the triangle, over the spacing of the grid
+HALF_WIDTH = 0.7  # of the filter, over the spacing of the grid: wider ones take channels, on narrower ones the place of the grid counts
 SMOOTH = 8.0, 5.5  # cells in a wave, of the raster and of the grid: relief of longer ones than the one is smooth, of the other not
 ROUGH = 0.65, 0.75  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
 RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays
@@ -27,6 +27,11 @@ WINDOW = 31  # cells across the window of the roughness
 BESIDE = 3  # cells to the ground on each side
 STRIP = 100_000  # numbers that are weighted at once
 LEAST = 1e-9  # of all heights: differences that rounding makes
+
+
+def half_width(spacing: Sequence[float]) -> tuple[float, float]:
+    """Half-width [m] of the filter, east and north, for a grid of this ``spacing`` [m]."""
+    return HALF_WIDTH * spacing[0], HALF_WIDTH * spacing[1]
 
 
 def filtered(z: np.ndarray, half_width: float, places: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ class _Raster:
     @cached_property
     def filtered(self) -> np.ndarray:
         """Elevations (k, l) [m] of the relief that the grid can carry, where the surface has coefficients."""
-        widths = [relief.HALF_WIDTH * h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
+        widths = [width / cell for width, cell in zip(relief.half_width(self.grid), self.cell, strict=True)]
         axes = enumerate(zip(self.elevation.shape[::-1], widths, strict=True))
         east, north = (relief.filter_weights(count, width, self._places(axis)) for axis, (count, width) in axes)
         return relief.along_both(north[:, ::-1], self.elevation, east).T
@@ -177,7 +177,7 @@ def raster_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spa
     thickness_excavated : ndarray (rows, columns) or None
         Vertical thickness of the masses that lie below the surface [m].
     spacing : tuple of float
-        Horizontal spacing of the grid, east and north [m]; also the half-width of the filter.
+        Horizontal spacing of the grid, east and north [m]; it gives the width of the filter.
 
     Raises
     ------

@@ -87,8 +87,8 @@ def test_run_json_records_what_relief_costs_and_products_the_filter_of_the_grid(
     assert 0.0 < relief["friction"] < 0.1
     assert relief["wave"] == 0.0
     with xr.open_dataset(results / "hazard.nc") as hazard:
-        assert hazard.attrs["ground_filter_half_width"].tolist() == [10.0, 10.0]
+        assert hazard.attrs["ground_filter_half_width"].tolist() == [7.0, 7.0]
         assert "terrain_smoothing" not in hazard.attrs
     (member, *_) = sorted((results / "members").glob("*.nc"))
     with xr.open_dataset(member) as maps:
-        assert maps.attrs["ground_filter_half_width"].tolist() == [10.0, 10.0]
+        assert maps.attrs["ground_filter_half_width"].tolist() == [7.0, 7.0]
