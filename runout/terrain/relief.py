@@ -16,7 +16,9 @@ from runout.model.surface import Surface, by_blocks
 from runout.physics import bspline, heightfield
 from runout.terrain.crests import Crests
 
-HALF_WIDTH = 0.7  # of the filter, over the spacing of the grid: wider ones take channels, on narrower ones the place of the grid counts
+HALF_WIDTH = (
+    0.7  # of the filter, over the spacing of the grid: wider ones take channels, on narrower ones the place of the grid counts
+)
 SMOOTH = 8.0, 5.5  # cells in a wave, of the raster and of the grid: relief of longer ones than the one is smooth, of the other not
 ROUGH = 0.65, 0.75  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
 RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays

@@ -18,6 +18,7 @@ import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 import runout
+from runout.model.numerics import Scheme
 from runout.model.scene import STANDARD_GRAVITY
 from runout.model.terrain import Terrain
 from runout.scores import (
@@ -62,20 +63,23 @@ def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
 
 
 def measure(full: bool) -> dict[str, Any]:
-    """Both laws with cells of 5 m, Voellmy with other cells and internal frictions, and energies; in CI Voellmy with 10 m."""
+    """Both laws with cells of 5 m, also with one substep, Voellmy with other cells and internal frictions, and energies; in CI Voellmy
+    with 10 m."""
     case = read()
     found = [_run(case, law, 5.0) for law in ("samosAT", "Voellmy")] if full else [_run(case, "Voellmy", 10.0)]
     studies = [_run(case, "Voellmy", cells, angle) for cells, angle in STUDIES] if full else []
-    for row in studies:
+    single = [_run(case, law, 5.0, substeps=1) for law in ("samosAT", "Voellmy")] if full else []
+    for row in (*studies, *single):
         del row["outline"]
     return {
         "runs": found,
         "studies": studies,
+        "one_substep": single,
         "energy": measure_energy(case.terrain, slab) if full else [],
         "points_lifted": _points_lifted(case) if full else None,
         "com1dfa": case.others,
         "volume": float(case.release.thickness.sum() * Grid.of(case.terrain).cell_area),
-        "lines": [_line(run, case.others[run["law"]]) for run in (*found, *studies)],
+        "lines": [_line(run, case.others[run["law"]]) for run in (*found, *studies, *single)],
     }
 
 
@@ -102,11 +106,13 @@ def read() -> Inputs:
     return Inputs(terrain, slab(terrain), thalweg_of(folder / "LINES" / "path_aimec.shp"), others)
 
 
-def _run(case: Inputs, law: str, cell_size: float, friction_angle: float = FRICTION_ANGLE) -> dict[str, Any]:
+def _run(
+    case: Inputs, law: str, cell_size: float, friction_angle: float = FRICTION_ANGLE, substeps: int = Scheme.substeps
+) -> dict[str, Any]:
     """Row of a run beside com1DFA with the same friction."""
     other, inside = case.others[law], float(case.slope[case.release.thickness > 0].mean())
     snow = runout.DruckerPrager(density=DENSITY, friction_angle=friction_angle)
-    choices = {"basal_friction": friction(law, other["parameters"], inside), "cell_size": cell_size, **SHOTS}
+    choices = {"basal_friction": friction(law, other["parameters"], inside), "cell_size": cell_size, "substeps": substeps, **SHOTS}
     particles = (*LEVELS[:2], round(LEVELS[2] * cell_size / 5.0))
     started = time.process_time()
     result = runout.simulate(case.terrain, case.release, snow, **choices, particles_per_cell=particles, end_time=120.0, threads=1)
