@@ -19,8 +19,8 @@ DIFFERENCES = """\
   little pressure spreads it. com1DFA without pressure and viscosity exceeds 4 m on {free_four:.2f} ha. Internal friction is not
   the reason: with {weak:g} and {strong:g} deg the thickest place has {weak_thickest:.1f} and {strong_thickest:.1f} m. It grows
   with finer cells: {coarse_thickest:.1f} m with {coarse:g} m, {fine_thickest:.1f} m with {fine:g} m.
-- **With Voellmy the area is larger by {more:.0f} %**; that of com1DFA without artificial viscosity is by {free_voellmy:.0f} %. Part of the flow
-  leaves the gully to the west where it bends (figure). It is thin: the median of the peaks outside of com1DFA's area is
+- **With Voellmy the area is larger by {more:.0f} %**; that of com1DFA without artificial viscosity is by {free_voellmy:.0f} %. Part
+  of the flow leaves the gully to the west where it bends (figure). It is thin: the median of the peaks outside of com1DFA's area is
   {peak_outside:.2f} m, and {volume_outside:.0f} % of the volume stops there. With internal friction of {weak:g} and {strong:g}
   deg the area is {weak_area:.1f} and {strong_area:.1f} ha, with cells of {coarse:g} and {fine:g} m {coarse_area:.1f} and
   {fine_area:.1f} ha. The finer the cells, the more mass goes there: CSI is {coarse_csi:.2f} with cells of {coarse:g} m and

@@ -2,8 +2,8 @@
 
 Relief of fewer than about four grid cells is not resolved. A flow meets it as friction, and as another one for each ratio of grid
 and raster. So the grid gets the raster, without its waves of two cells, averaged at its own nodes over a triangle somewhat wider
-than one of its cells. The raster itself remains where it is smooth; where its waves of two cells are resolved, unless it is rougher than
-terrain is; and at what stands out of the roughness around it, since dams, gullies and cliffs are what a map is asked for.
+than one of its cells. The raster itself remains where it is smooth; where its waves of two cells are resolved, unless it is rougher
+than terrain is; and at what stands out of the roughness around it, since dams, gullies and cliffs are what a map is asked for.
 """
 
 import math

@@ -63,8 +63,7 @@ def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
 
 
 def measure(full: bool) -> dict[str, Any]:
-    """Both laws with cells of 5 m, also with one substep, Voellmy with other cells and internal frictions, and energies; in CI Voellmy
-    with 10 m."""
+    """Both laws, with one substep as well, Voellmy with other cells and internal frictions, and energies; in CI Voellmy only."""
     case = read()
     found = [_run(case, law, 5.0) for law in ("samosAT", "Voellmy")] if full else [_run(case, "Voellmy", 10.0)]
     studies = [_run(case, "Voellmy", cells, angle) for cells, angle in STUDIES] if full else []
