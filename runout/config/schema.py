@@ -287,7 +287,7 @@ class SimulationSettings(Settings):
         "sleep_speed", "blocks slower than this rest until something moves beside them (scan only, not at structures); 0: off", 0.0
     )
     substeps: int = limited(
-        "substeps", "most substeps of a transfer between particles and grid (with mls, without f_bar and sleep_speed)", 1
+        "substeps", "most substeps of a transfer between particles and grid (with mls, without f_bar and sleep_speed)", 4
     )
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"

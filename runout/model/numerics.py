@@ -45,7 +45,7 @@ class Scheme:
     flip_ratio: float = 0.95
     f_bar: bool = False
     sleep_speed: float = 0.0
-    substeps: int = 1
+    substeps: int = 4
 
     def __post_init__(self) -> None:
         if not is_number(self.cfl):

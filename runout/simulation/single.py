@@ -47,7 +47,7 @@ def simulate(
     flip_ratio: float = 0.95,
     f_bar: bool = False,
     sleep_speed: float = 0.0,
-    substeps: int = 1,
+    substeps: int = 4,
     initial_stress: str = "at_rest",
     accuracy: str | None = None,
     threads: int | None = None,
