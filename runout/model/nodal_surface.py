@@ -51,13 +51,20 @@ class NodalSurface:
         """Elevation [m] at local positions [m]."""
         return self.evaluate(x, y)[0]
 
-    def evaluate(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Elevation [m] and its slopes east and north [1] at local positions [m] of any common shape."""
+    def evaluate(
+        self, x: np.ndarray, y: np.ndarray, way: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Elevation [m] and its slopes east and north [1] at local positions [m] of any common shape.
+
+        With a ``way`` east and north (n,) [m] at its end, on the polynomial of the patch where it begins.
+        """
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         q = [(place / h).ravel() for place, h in zip((x, y), self.spacing, strict=True)]
         first = [np.floor(p - 0.5).astype(np.int64) for p in q]
         table, begins = self._table(first[0] // TILE, first[1] // TILE)
         begins += first[0] % TILE * WIDTH + first[1] % TILE
+        if way:
+            q = [p + one / h for p, one, h in zip(q, way, self.spacing, strict=True)]
         found = spline_at(table, begins, WIDTH, q[0] - first[0], q[1] - first[1])
         value, east, north = (one.reshape(x.shape) for one in found)
         return value, east / self.spacing[0], north / self.spacing[1]

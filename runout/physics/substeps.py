@@ -102,6 +102,17 @@ def force_columns(P: Any, volume: Any, s: Any):
     return tens(x * P[0], x * P[3], x * P[6], y * P[1], y * P[4], y * P[7], z * P[2], z * P[5], z * P[8])
 
 
+def time_ahead(lasting: Any, dt: Any):
+    """Time [s] after the start of a transfer of ``lasting`` [s] at which contacts take the ground and its friction.
+
+    The middle of the transfer but for half a substep ``dt`` [s]. A ground that bends turns by w / R on a way w. With the normal of
+    the start the mass would move along the tangent there, and the ground would lift it back by w^2 / 2R at the end without taking
+    that from its velocity: it would gain (w - w / k) / 2R of its weight for each metre in a hollow of radius R. With the normal of
+    the middle it moves along the chord. A change of friction acts where the mass crosses it, not half a transfer later.
+    """
+    return real(0.5) * (lasting - dt)
+
+
 def moved_gap(gap: Any, n: Any, way: Any):
     """Gap or distance [m] of a particle that has gone a ``way`` [m] since it was measured, with the normal ``n`` of then."""
     return gap + dot(n, way)

@@ -265,6 +265,7 @@ CASES = [
     Case(substeps.present_gradient, "tt", "t", (rate, between(-1.5, 1.5, 9))),
     Case(substeps.stress_at_start, "yt", "t", (tensor, between(-1.5, 1.5, 9))),
     Case(substeps.force_columns, "tsv", "t", (between(-3.0, 3.0, 9), between(0.1, 50.0), vector)),
+    Case(substeps.time_ahead, "ss", "s", (step, step)),
     Case(substeps.moved_gap, "svv", "s", (number, vector, vector)),
     Case(blocks.block_of, "i", "i", (node,)),
     Case(blocks.local_index, "iii", "i", (node, node, node)),

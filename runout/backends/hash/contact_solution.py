@@ -34,6 +34,7 @@ from runout.backends.hash.layout import (
     CELL_LANES,
     DRAGS_COLUMN,
     HALT,
+    LASTING,
     LIMITS_START,
     MASS,
     MOMENTUM,
@@ -67,7 +68,7 @@ from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
 from runout.physics.contact import column_drag, fastest_start, impulse, started_time, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
-from runout.physics.substeps import moved_gap
+from runout.physics.substeps import moved_gap, time_ahead
 from runout.physics.tensors import real, tens, vec
 
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
@@ -168,16 +169,28 @@ def _velocity_in_place(rec: Rows, p: int):
     return vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
 
 
+def _way_ahead(rec: Rows, p: int, ahead: Any):
+    """Way [m] of a particle from the start of a transfer in a time ``ahead`` [s]."""
+    m = rec[MASS, p]
+    return vec(ahead * rec[MOMENTUM, p] / m, ahead * rec[MOMENTUM + 1, p] / m, ahead * rec[MOMENTUM + 2, p] / m)
+
+
+def _moved(f: Vector, way: Vector, h: Vector):
+    """Offset in a cell at the end of a ``way`` [m] from the offset ``f``; it may leave the cell."""
+    return vec(f[0] + way[0] / h[0], f[1] + way[1] / h[1], f[2] + way[2] / h[2])
+
+
 def _push(
     particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile, bases: Tile,
-    near: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
+    near: int, c: int, p: int, f: Vector, way: Vector, basal: Any, dt: Any, given: Vector,
 ):  # fmt: skip
     """Work [J] and impulse [N s] of the ground on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
 
-    The nodes hold the ``given`` part of the impulse.
+    The nodes hold the ``given`` part of the impulse. The ground is that at the end of a ``way`` [m] from the start of the transfer.
     """
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
-    n, gap = _ground(_around(ground.tiles, near, c), c & 3, f, particles.radius[p], constants.h)
+    n, gap = _ground(_around(ground.tiles, near, c), c & 3, _moved(f, way, constants.h), particles.radius[p], constants.h)
+    gap = moved_gap(gap, n, -way)
     area = real(0.0)
     if AREAS:
         area = _area(contacts, bases, c, f, n[2], constants.h)
@@ -343,9 +356,10 @@ def solve_contacts(
                 p = ahead & NOT_NEGATIVE
                 ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, f)]
+                way = _way_ahead(particles.rec, p, time_ahead(scenes.clock[s, LASTING], dt))
+                basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, _moved(f, way, constants.h))]
                 given = _given(particles, p, last, dt, constants)
-                push, drag = _push(particles, ground, contacts, constants, tile, bases, place, c, p, f, basal, dt, given)
+                push, drag = _push(particles, ground, contacts, constants, tile, bases, place, c, p, f, way, basal, dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
                 particles.forces[particles.number[p]] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)

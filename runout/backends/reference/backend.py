@@ -24,7 +24,7 @@ from runout.model.laws import Law
 from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, require_index_range
 from runout.model.scene import Scene
-from runout.physics import blocks, bspline, contact
+from runout.physics import blocks, bspline, contact, substeps
 from runout.physics.transfers import dilatation, kept_velocity, with_dilatation
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
@@ -219,9 +219,20 @@ class ReferenceBackend:
         self.loops.find_contacts(self._p.velocity, self._p.radius, lasting, band, gap, normal, touches)
         self._contacts = len(chosen := np.flatnonzero(touches))
         compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
-        area = contact_areas(self.scene, stencils, chosen, normal[chosen, 2])
-        basal = self.basal[self.scene.basal.rows(self._p.release[chosen], *x[chosen].T[:2])]
-        return _GroundContacts(chosen, gap[chosen], normal[chosen], compliance, area, basal)
+        way = substeps.time_ahead(lasting, self._dt) * self._p.velocity[chosen]
+        gap, normal = self._ground_ahead(self._p.take(chosen), x[chosen], way)
+        area = contact_areas(self.scene, stencils, chosen, normal[:, 2])
+        basal = self.basal[self.scene.basal.rows(self._p.release[chosen], *(x[chosen] + way).T[:2])]
+        return _GroundContacts(chosen, gap, normal, compliance, area, basal)
+
+    def _ground_ahead(self, p: Particles, x: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gap [m] of particles at ``x`` (n, 3) [m] from the tangent plane of the ground at the end of a ``way`` (n, 3) [m], and
+        its unit normal."""
+        elevation, east, north = self.scene.ground.evaluate(x[:, 0], x[:, 1], (way[:, 0], way[:, 1]))  # type: ignore[union-attr]
+        gap, normal, referred = (x + way)[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))]), np.zeros(len(x))
+        self.loops.find_contacts(p.velocity, p.radius, 0.0, 0.0, gap, normal, np.zeros(len(x), np.bool_))
+        self.loops.move_gaps(gap, normal, -way, referred)
+        return referred, normal
 
     def _touch_ground(
         self, contacts: "_GroundContacts", way: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float,

@@ -43,6 +43,7 @@ from runout.model.particle_source import ParticleSource, slices
 from runout.model.particles import Particles, node_range, require_index_range
 from runout.model.scene import Scene
 from runout.physics.contact import kept_share
+from runout.physics.substeps import time_ahead
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
@@ -185,7 +186,7 @@ class ScanBackend:
         clock("index")
         self._to_grid(dt, substeps)
         clock("p2g")
-        self._solve_contacts()
+        self._solve_contacts(time_ahead(substeps * dt, dt))
         if self.structures:
             b, t, steps = self.index.blocks, self.tables, self.counters.steps
             self.structures.find(self.k, s, b, t, steps, substeps, self.totals.max_speed)
@@ -265,13 +266,17 @@ class ScanBackend:
             self.structures.push(self.k, s, t, self.counters.steps, self.workspace.grid)
         clock("contact")
 
-    def _solve_contacts(self, again: bool = False) -> None:
-        """Impulses of the ground; those of a later substep meet the zones and areas of the first one ``again``."""
+    def _solve_contacts(self, ahead: float = 0.0, again: bool = False) -> None:
+        """Impulses of the ground, with the friction where particles are after a time ``ahead`` [s].
+
+        Those of a later substep meet the zones and areas of the first one ``again``.
+        """
         parts, c = (self.k, self.store, self.index.blocks, self.workspace, self.tables), self.tables.constants
         law, w = self.scene.basal.law, self.workspace
         if self.totals.contact_particles > 0:
             if self.tables.zones and not again:
-                self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, c.corner, c.spacing, self.tables.zones)
+                where = c.corner, c.spacing, self.tables.zones, ahead
+                self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, *where)
             if law.uses_area and not again:
                 self.k.sum_columns(w.grid.shared, w.columns)
             grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))

@@ -52,6 +52,7 @@ from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import ARENA, _add_weighted, _first_node, _place_of, _weigh_four, local_weights, zeros
 from runout.physics.contact import in_contact, started_time
 from runout.physics.moments import momentum_at
+from runout.physics.substeps import moved_gap
 from runout.physics.tensors import real, vec
 
 TILE = 64
@@ -157,6 +158,25 @@ def _measure(t, n, east, north, dz, dt, band):
         t[10, q] = vz
 
 
+def _look_ahead(t, n, h, ahead):
+    """Replace normals and gaps in a tile by those of the ground where particles are after a time ``ahead`` [s].
+
+    The gaps are distances from the tangent planes there. The ground is that of the cell in which a particle begins.
+    """
+    for q in range(n):
+        x = ahead * t[7, q]
+        y = ahead * t[9, q]
+        z = ahead * t[10, q]
+        up = t[FLOOR, q] + t[12, q] + z / h[2]
+        fx = t[4, q] + x / h[0]
+        fy = t[8, q] + y / h[1]
+        nx, ny, nz, gap = _ground(_coefficients(t, q), fx, fy, up, t[RADIUS, q], h[2] / h[0], h[2] / h[1], h[2])
+        t[1, q] = nx
+        t[2, q] = ny
+        t[3, q] = nz
+        t[5, q] = moved_gap(gap, vec(nx, ny, nz), vec(-x, -y, -z))
+
+
 def _take_force(given, row, force, w, search, v, dt):
     """Set the impulse from which a contact starts: by the force of the step before, 0 if it did not touch then or is too fast."""
     lasting = started_time(v, search.fastest, dt) if force[w, 0] == search.last else real(0.0)
@@ -255,6 +275,8 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
         _take_candidates(aside, slots, owners, particles, tiles, constants.friction, n)
         _load_candidates(t, rec, aside, slots, groups)
         _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], search.lasting, search.band)
+        if search.ahead > real(0.0):
+            _look_ahead(t, np.uint64(16 * groups), h, search.ahead)
         row = _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row)
 
 

@@ -23,6 +23,7 @@ from runout.backends.scan.totals import Totals
 from runout.backends.scan.workspace import Workspace
 from runout.model.scene import Scene
 from runout.physics import contact as contact_law
+from runout.physics.substeps import time_ahead
 
 SPARE = 16  # blocks that may get contacts before more memory is made
 
@@ -49,7 +50,8 @@ def search_of(scene: Scene, store: Store, max_speed: float, dt: float, substeps:
     real, fastest = scene.dtype, math.inf
     if scene.basal.law.uses_area:
         fastest = contact_law.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
-    return ContactSearch(real(reach), real(band), real(stamp_of(before)), real(fastest), not scene.keeps, real(lasting))
+    stamp, ahead = stamp_of(before), time_ahead(lasting, dt)
+    return ContactSearch(real(reach), real(band), real(stamp), real(fastest), not scene.keeps, real(lasting), real(ahead))
 
 
 def fill_over_ground(

@@ -234,6 +234,8 @@ class ContactSearch(NamedTuple):
         Whether the impulses by these forces go to the nodes together with the momentum.
     lasting : real
         Time [s] within which a particle must touch the ground: that of all substeps.
+    ahead : real
+        Time [s] after the start at which contacts take the ground and its friction (:func:`runout.physics.substeps.time_ahead`).
     """
 
     reach: Any
@@ -242,6 +244,7 @@ class ContactSearch(NamedTuple):
     fastest: Any
     begins: bool
     lasting: Any
+    ahead: Any
 
 
 class Moves(NamedTuple):
