@@ -82,11 +82,10 @@ def test_a_scene_without_structures_has_nothing_of_them():
 
 
 def test_no_kernel_of_structures_is_compiled_in_the_process_that_runs_it():
-    engine = slide(engine_of("scan"), SCENE, 5)
-    engine.structures.stop(engine.k, engine.store, engine.workspace.grid, engine.tables)
+    slide(engine_of("scan"), SCENE, 5)
     kernels = vars(kernels_for(SCENE))
     loaded_here = {name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())}
-    assert {"find_structure_contacts", "find_entering", "stop_entering", "book_structures"} <= loaded_here
+    assert {"find_structure_contacts", "push_from_structures"} <= loaded_here
     assert not [name for name, kernel in kernels.items() if sum(kernel.stats.cache_misses.values())]
 
 

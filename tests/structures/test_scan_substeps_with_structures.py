@@ -69,5 +69,5 @@ def test_kernels_of_substeps_are_compiled_elsewhere_for_scenes_that_have_them():
     after("scan", SCENE, 3, 2)
     kernels = vars(kernels_for(SCENE))
     from_cache = {name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())}
-    assert {*OF_SUBSTEPS, "follow_structure_contacts", "solve_contacts", "slow_columns"} <= from_cache
+    assert {*OF_SUBSTEPS, "push_from_structures", "solve_contacts", "slow_columns"} <= from_cache
     assert not [name for name, kernel in kernels.items() if sum(kernel.stats.cache_misses.values())]

@@ -4,7 +4,7 @@ Slow and simple; the others are tested against it. Quadratic B-splines, APIC wit
 et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by gradients of weights, symplectic Euler, one ground impulse per contact particle.
 """
 
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from runout.backends.compile import numba_binding
 from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, slow_columns
 from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
+from runout.backends.reference.contact import Contacts
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.reference.structures import StructureContacts
 from runout.backends.state import State, arrays_of, part, put_arrays
@@ -52,17 +53,6 @@ class _Motion(NamedTuple):
     def none(cls, particles: int) -> "_Motion":
         """That at the start."""
         return cls(np.zeros((particles, 3)), np.zeros((particles, 9)))
-
-
-class _GroundContacts(NamedTuple):
-    """Particles (m,) by number, their gap when they were found [m], normal (m, 3), compliance [1/kg], area [m2] and friction."""
-
-    chosen: np.ndarray
-    gap: np.ndarray
-    normal: np.ndarray
-    compliance: np.ndarray
-    area: np.ndarray
-    basal: np.ndarray
 
 
 class ReferenceBackend:
@@ -115,7 +105,7 @@ class ReferenceBackend:
         mass, given, velocity = self._particles_to_grid(stencils, dt)
         self.watch(stencils, mass[:, 0], velocity)
         moved, lasting = _Motion.none(len(self._p)), substeps * dt
-        on_ground = self._find_ground(stencils, mass, lasting) if self.scene.surface is not None else None
+        on_ground = self._find_ground(stencils, lasting) if self.scene.surface is not None else None
         on_structures = self.structures.find(self._p, lasting) if self.structures else None
         for substep in range(substeps):
             if substep:
@@ -210,7 +200,7 @@ class ReferenceBackend:
         velocity += quotient(stencils.scatter(np.einsum("pij,pnj->pni", impulse, stencils.arm)), mass)
         velocity += dt * np.array(self.scene.gravity)
 
-    def _find_ground(self, stencils: Stencils, mass: np.ndarray, lasting: float) -> "_GroundContacts":
+    def _find_ground(self, stencils: Stencils, lasting: float) -> Contacts:
         """Particles that touch the ground within a transfer, which is ``lasting`` [s]."""
         x, touches = self._p.position(self.spacing), np.zeros(len(self._p), np.bool_)
         elevation, east, north = self.scene.ground.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
@@ -218,12 +208,11 @@ class ReferenceBackend:
         band = self.scene.contact_band * self.spacing.min()
         self.loops.find_contacts(self._p.velocity, self._p.radius, lasting, band, gap, normal, touches)
         self._contacts = len(chosen := np.flatnonzero(touches))
-        compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
         way = substeps.time_ahead(lasting, self._dt) * self._p.velocity[chosen]
         gap, normal = self._ground_ahead(self._p.take(chosen), x[chosen], way)
         area = contact_areas(self.scene, stencils, chosen, normal[:, 2])
         basal = self.basal[self.scene.basal.rows(self._p.release[chosen], *(x[chosen] + way).T[:2])]
-        return _GroundContacts(chosen, gap, normal, compliance, area, basal)
+        return Contacts(chosen, gap, normal, compliance, area, basal)
 
     def _ground_ahead(self, p: Particles, x: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gap [m] of particles at ``x`` (n, 3) [m] from the tangent plane of the ground at the end of a ``way`` (n, 3) [m], and
@@ -235,18 +224,15 @@ class ReferenceBackend:
         return referred, normal
 
     def _touch_ground(
-        self, contacts: "_GroundContacts", way: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float,
+        self, contacts: Contacts, way: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float,
         *, first: bool,
     ) -> None:  # fmt: skip
         """Change nodal velocities by one impulse of the ground per contact particle; the ``first`` substep starts from a share."""
-        chosen, gap, normal, compliance, area, basal = contacts
-        p, work, present = self._p.take(chosen), np.zeros(len(chosen)), np.zeros(len(chosen))
-        self.loops.move_gaps(gap, normal, way[chosen], present)
-        impulses = self._share * begun_impulses(self.scene, p, dt) if first else dt * p.ground_force
-        velocity += quotient(stencils.scatter(impulses, chosen), mass)
-        u, given = stencils.gather(velocity, chosen), impulses.copy()
-        self.loops.take_impulses(p.velocity, u, normal, present, compliance, basal, area, dt, impulses, work)
-        velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
+        chosen, _, normal, area, basal = contacts
+        p, gap = self._p.take(chosen), contacts.moved(self.loops, way)
+        given = self._share * begun_impulses(self.scene, p, dt) if first else dt * p.ground_force
+        solve = partial(self.loops.take_impulses, gap, basal, area, dt)
+        u, impulses, work = contacts.push(self._p, given, stencils, mass, velocity, solve)
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)

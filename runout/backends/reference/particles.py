@@ -100,8 +100,8 @@ def find_contacts(velocity: Any, radius: Any, dt: Any, band: Any, gap: Any, norm
             normal[p, k] = n[k]
 
 
-def take_impulses(v: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal: Any, area: Any, dt: Any, impulses: Any, done: Any):
-    """Ground's ``impulses`` (n, 3) [N s] on contact particles, and the work ``done`` (n,) [J] by them.
+def take_impulses(gap: Any, basal: Any, area: Any, dt: Any, v: Any, u: Any, normal: Any, compliance: Any, impulses: Any, done: Any):
+    """``impulses`` (n, 3) [N s] of a surface on contact particles, and the work ``done`` (n,) [J] by them.
 
     ``impulses`` come in as those that ``u`` contains. ``v`` (n, 3) [m/s]: before the step; ``u`` (n, 3): what the grid gives.
     ``basal`` (n,): records of friction; ``area`` (n,) [m2]: of the ground below.
@@ -111,6 +111,17 @@ def take_impulses(v: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal:
         given = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])
         push = impulse(felt, n, gap[p], compliance[p], basal[p], dt, given, area[p])
         done[p] = work(push, given, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])
+        for k in range(3):
+            impulses[p, k] = push[k]
+
+
+def stop_entering(distance: Any, dt: Any, band: Any, v: Any, u: Any, normal: Any, compliance: Any, impulses: Any, done: Any):
+    """The same for particles that would enter a structure; they start from no impulse."""
+    for p in range(len(u)):
+        n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
+        j = stopping_impulse(dot(felt, n), entry_velocity(distance[p], dt, band), compliance[p])
+        push = vec(j * n[0], j * n[1], j * n[2])
+        done[p] = work(push, vec(0.0, 0.0, 0.0), vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]
 
@@ -144,15 +155,3 @@ def find_entering(u: Any, normal: Any, distance: Any, dt: Any, band: Any, enters
     for p in range(len(u)):
         un = dot(vec(u[p, 0], u[p, 1], u[p, 2]), vec(normal[p, 0], normal[p, 1], normal[p, 2]))
         enters[p] = un < entry_velocity(distance[p], dt, band)
-
-
-def stop_entering(v: Any, u: Any, normal: Any, distance: Any, dt: Any, band: Any, compliance: Any, impulses: Any, done: Any):
-    """``impulses`` (n, 3) [N s] on particles that would enter, and the work ``done`` (n,) [J]; ``v``, ``u`` as for all contacts."""
-    none = vec(0.0, 0.0, 0.0)
-    for p in range(len(u)):
-        n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
-        push = stopping_impulse(dot(felt, n), entry_velocity(distance[p], dt, band), compliance[p])
-        for k in range(3):
-            impulses[p, k] = push * n[k]
-        stop = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])
-        done[p] = work(stop, none, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])

@@ -3,12 +3,13 @@
 A second one stops the few particles that would still enter a structure within the step.
 """
 
+from functools import partial
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 
-from runout.backends.reference.stencils import Stencils, quotient
+from runout.backends.reference.contact import Contacts
+from runout.backends.reference.stencils import Stencils
 from runout.backends.state import State, arrays_of
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -17,15 +18,6 @@ from runout.physics import structures as physics
 
 NODE = ((CELLS + 1) ** 2, CELLS + 1, 1)  # step of the place in a block along each axis
 CORNERS = np.array([i * NODE[0] + j * NODE[1] + k for i in (0, 1) for j in (0, 1) for k in (0, 1)] + [0])  # and none
-
-
-class Contacts(NamedTuple):
-    """Particles (m,) by number, their distance [m] when they were found, the normal (m, 3) and the patch (m,)."""
-
-    chosen: np.ndarray
-    distance: np.ndarray
-    normal: np.ndarray
-    patch: np.ndarray
 
 
 class StructureContacts:
@@ -52,56 +44,38 @@ class StructureContacts:
         return arrays_of(self, ("friction",), prefix)
 
     def touch(
-        self, p: Particles, contacts: Contacts, way: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray,
-        dt: float, share: float,
+        self, p: Particles, found: tuple[Contacts, np.ndarray], way: np.ndarray, stencils: Stencils, mass: np.ndarray,
+        velocity: np.ndarray, dt: float, share: float,
     ) -> None:  # fmt: skip
         """Change nodal velocities (nodes, 3) [m/s] in a substep of ``dt`` [s]; it starts from a ``share`` [1] of the last forces.
 
         ``way`` (n, 3) [m] is that of the particles since the contacts were found.
         """
-        rows = np.searchsorted(self.identity, p.identity)
-        chosen, distance, normal, patch = contacts
-        moved, gap = np.zeros(len(chosen)), np.zeros(len(chosen))
-        self.loops.move_gaps(distance, normal, way[chosen], moved)
-        self.loops.gaps_of(moved, p.radius[chosen], gap)
-        given = share * dt * self.force[rows[chosen]]
+        contacts, patch = found
+        rows = np.searchsorted(self.identity, p.identity)[contacts.chosen]
+        given = share * dt * self.force[rows]
         self.force[:] = 0.0
-        if not len(chosen):
+        if not len(patch):
             return
-        compliance = _compliance(stencils, chosen, mass)
-        velocity += quotient(stencils.scatter(given, chosen), mass)
-        u, impulses, work = stencils.gather(velocity, chosen), given.copy(), np.zeros(len(chosen))
-        basal = np.zeros(len(chosen), [("friction", np.float64)])
-        basal["friction"] = self.friction[p.release[chosen], patch]
-        area = np.zeros(len(chosen))
-        self.loops.take_impulses(p.velocity[chosen], u, normal, gap, compliance, basal, area, dt, impulses, work)
-        velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
-        self.force[rows[chosen]] = impulses / dt
+        moved, gap = contacts.moved(self.loops, way), np.zeros(len(patch))
+        self.loops.gaps_of(moved, p.radius[contacts.chosen], gap)
+        solve = partial(self.loops.take_impulses, gap, contacts.basal, contacts.area, dt)
+        _, impulses, work = contacts.push(p, given, stencils, mass, velocity, solve)
+        self.force[rows] = impulses / dt
         self._book(patch, impulses, work)
-        self._stop(p, stencils, mass, velocity, dt, contacts._replace(distance=moved))
-
-    def _stop(
-        self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, contacts: Contacts
-    ) -> None:
-        """Stop the particles whose centres would enter."""
-        enters = np.zeros(len(contacts.chosen), np.bool_)
-        u = stencils.gather(velocity, contacts.chosen)
-        self.loops.find_entering(u, contacts.normal, contacts.distance, dt, self.band, enters)
-        if not enters.any():
-            return
-        chosen, distance, normal, patch = (a[enters] for a in contacts)
-        compliance = _compliance(stencils, chosen, mass)
-        impulses, work, v = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), p.velocity[chosen]
-        self.loops.stop_entering(v, u[enters], normal, distance, dt, self.band, compliance, impulses, work)
-        velocity += quotient(stencils.scatter(impulses, chosen), mass)
-        self._book(patch, impulses, work)
+        u, enters = stencils.gather(velocity, contacts.chosen), np.zeros(len(patch), np.bool_)
+        self.loops.find_entering(u, contacts.normal, moved, dt, self.band, enters)
+        if enters.any():
+            solve = partial(self.loops.stop_entering, moved[enters], dt, self.band)
+            stopped, none = Contacts(*(values[enters] for values in contacts)), np.zeros((int(enters.sum()), 3))
+            self._book(patch[enters], *stopped.push(p, none, stencils, mass, velocity, solve)[1:])
 
     def _book(self, patch: np.ndarray, impulses: np.ndarray, work: np.ndarray) -> None:
         self.dissipation -= float(work.sum())
         np.subtract.at(self.impulses, patch, impulses)
 
-    def find(self, p: Particles, lasting: float) -> Contacts:
-        """Particles that touch within a transfer, which is ``lasting`` [s]."""
+    def find(self, p: Particles, lasting: float) -> tuple[Contacts, np.ndarray]:
+        """Particles that touch within a transfer, which is ``lasting`` [s], and their patches (m,)."""
         field, position = self.field, p.position(np.array(self.scene.spacing))
         near, cell, inside = self._cells(position)
         row = field.blocks[tuple(physics.lattice_block(cell).T)]
@@ -114,7 +88,10 @@ class StructureContacts:
         patch, touches = patches[row, place], np.zeros(len(near), np.bool_)
         self._take_patch(position[near], patches[of_nodes], distance, normal, patch)
         self.loops.touch_structures(p.velocity[near], p.radius[near], lasting, self.band, distance, normal, touches)
-        return Contacts(*(a[touches] for a in (near, distance, normal, patch)))
+        near, distance, normal, patch = (a[touches] for a in (near, distance, normal, patch))
+        basal = np.zeros(len(near), [("friction", np.float64)])
+        basal["friction"] = self.friction[p.release[near], patch]
+        return Contacts(near, distance, normal, np.zeros(len(near)), basal), patch
 
     def _take_patch(self, x: np.ndarray, nearest: np.ndarray, distance: np.ndarray, normal: np.ndarray, patch: np.ndarray) -> None:
         """Put the patch that faces the contact most; where the trilinear distance is cut short, the closest plane.
@@ -140,8 +117,3 @@ class StructureContacts:
         near = np.flatnonzero(within)
         near = near[self.field.blocks[tuple(physics.lattice_block(cell[near]).T)] >= 0]
         return near, cell[near], q[near] - cell[near]
-
-
-def _compliance(stencils: Stencils, chosen: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Lumped compliance (m,) [1/kg] of the ``chosen`` (m,) particles."""
-    return stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]

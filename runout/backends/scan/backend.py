@@ -190,10 +190,10 @@ class ScanBackend:
         if self.structures:
             b, t, steps = self.index.blocks, self.tables, self.counters.steps
             self.structures.find(self.k, s, b, t, steps, substeps, self.totals.max_speed)
-            self.structures.push(self.k, s, t, steps, self.workspace.grid)
+            self.structures.push(self.k, s, t, steps, self.workspace.grid, substeps > 1)
         clock("contact")
         for substep in range(1, substeps):
-            self._substep(first=substep == 1, clock=clock)
+            self._substep(substep == 1, substep == substeps - 1, clock)
         if self.scene.sleep_speed:
             sleep.hold_sleepers(self.k, dt, s, self.index.blocks, self.workspace, self.tables, self.totals)
         self._to_particles(dt, substeps)
@@ -213,7 +213,7 @@ class ScanBackend:
             case "to_particles":
                 self._to_particles(dt)
             case "substep":
-                self._substep(first=True)
+                self._substep(first=True, last=True)
             case "last_to_particles":
                 self._to_particles(dt, 2)
             case "contacts":
@@ -254,16 +254,14 @@ class ScanBackend:
             search = grid.search_of(self.scene, self.store, self.totals.max_speed, dt, substeps, before)
             self.totals.contact_particles = grid.fill_over_ground(*parts, search, after)
 
-    def _substep(self, first: bool, clock: Callable[[str], None] = lambda stage: None) -> None:
-        """One substep on the present nodes, up to contacts: the ``first`` one after that of the transfer, or a later one."""
+    def _substep(self, first: bool, last: bool, clock: Callable[[str], None] = lambda stage: None) -> None:
+        """One substep on the present nodes, up to contacts: the ``first`` one after that of the transfer, or the ``last`` one."""
         s, b, t = self.store, self.index.blocks, self.tables
-        if self.structures:
-            self.structures.follow(self.k, s, self.workspace.grid, t)
         self.totals.plastic_dissipation += grid.substep(self.k, s, b, self.workspace, t, self.workers.buffers, first)
         clock("substep")
         self._solve_contacts(again=True)
         if self.structures:
-            self.structures.push(self.k, s, t, self.counters.steps, self.workspace.grid)
+            self.structures.push(self.k, s, t, self.counters.steps, self.workspace.grid, not last)
         clock("contact")
 
     def _solve_contacts(self, ahead: float = 0.0, again: bool = False) -> None:

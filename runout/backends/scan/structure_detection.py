@@ -33,14 +33,6 @@ DIAGONAL = 1.75  # of a lattice cell, a little more than its length in cells; di
 NORMAL, GAP, BEFORE, DISTANCE = 0, 3, 4, 7  # columns of what is measured
 
 
-def place_structure_rows(near, held, place):
-    """Set the first row of each near block, with room for all its particles; returns the number of rows."""
-    place[0] = 0
-    for m in range(len(near.owners)):
-        place[m + 1] = place[m] + held[near.owners[m]]
-    return place[len(near.owners)]
-
-
 def _lattice_position(constants, bxyz, b, c, rec, p, field, axis):
     """Place of a particle in cells of the lattice along one axis."""
     node = constants.corner[axis] + 4 * np.int64(bxyz[b, axis]) + ((np.int64(c) >> (4 - 2 * axis)) & 3)

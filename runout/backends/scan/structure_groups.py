@@ -57,11 +57,12 @@ class Near(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """Rows of particles that touch structures; those of a near block start at ``place``, and there are ``number``.
+    """Rows of particles that touch structures, by near block.
 
     Attributes
     ----------
-    place, number : (near + 1,), (near,) int64
+    place, number, entering : (near + 1,), (near,), (near,) int64
+        First row; rows; those whose centre would enter a structure.
     entry, patch : (rows,) int32
         Where ``Particles.order`` holds the slot of the particle, which may change within a transfer; patch that it touches.
     measured : (rows, 8) real
@@ -76,6 +77,7 @@ class Touching(NamedTuple):
 
     place: np.ndarray
     number: np.ndarray
+    entering: np.ndarray
     entry: np.ndarray
     patch: np.ndarray
     measured: np.ndarray

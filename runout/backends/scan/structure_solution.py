@@ -1,15 +1,16 @@
 """Phase "contact with structures", second half: impulses on the particles that touch structures, after those of the ground.
 
-share_structure_contacts   shares    --sum, times inverse mass-->  compliance, inverse, grid.nodes
-solve_structure_contacts   grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
-push_from_structures       shares    --sum, times inverse mass-->  grid.nodes
-book_structures            push      --sum by patch-->  impulses (patches, 3)
-find_entering              grid.nodes  --gather-->  the rows that would still enter: 1 | -  --scatter-->  shares
-share_structure_contacts   as above, for their compliance
-stop_entering              grid.nodes, compliance  --gather-->  push[r]  --scatter-->  shares
-push_from_structures, book_structures   as above
+One kernel solves the contacts. Its rounds differ in what a contact adds to the share of its block, and all sum the shares alike:
 
-follow_structure_contacts  grid.nodes, before the next substep of a transfer  --gather-->  rows  --scatter-->  shares
+    SOLVE     shares          --sum, times inverse mass-->  compliance, inverse, grid.nodes
+              grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
+    ENTER     shares          --sum, times inverse mass-->  grid.nodes
+              grid.nodes  --gather-->  the rows that would still enter: 1 | -  --scatter-->  shares
+    STOP      as SOLVE, with the impulse that stops those that would enter
+    FOLLOW    shares          --sum, times inverse mass-->  grid.nodes
+              grid.nodes, before the next substep of a transfer  --gather-->  rows  --scatter-->  shares
+
+    push      --sum by patch-->  impulses (patches, 3), after SOLVE and STOP
 """
 
 import numpy as np
@@ -31,6 +32,7 @@ from runout.physics.substeps import moved_gap
 from runout.physics.tensors import dot, real, vec
 
 LEAST_MASS = 1e-37  # [kg] of a node that moves, as in particles_to_grid
+SOLVE, ENTER, STOP, FOLLOW = range(4)  # rounds
 record = None  # makes a record of the numbers of the law of friction; the binding decides
 
 
@@ -85,20 +87,6 @@ def _add_shares(near, touching, grid, q, first):
         nodes[n, 4 * a + 3] += inverse[q, a] * z
 
 
-def share_structure_contacts(near, touching, grid):
-    """Compliance and inverse mass of the nodes that contacts reach; their velocities get the impulses of the step before."""
-    for q in prange(len(near.nodes)):
-        if _has_contacts(near.down, touching.number, q):
-            _add_shares(near, touching, grid, q, True)
-
-
-def push_from_structures(near, touching, grid):
-    """Add the impulses of the shares to the velocities of the nodes."""
-    for q in prange(len(near.nodes)):
-        if _has_contacts(near.down, touching.number, q):
-            _add_shares(near, touching, grid, q, False)
-
-
 def _meet(near, touching, grid, m, c, w):
     """Compliance [1/kg], and the velocity [m/s] that the grid gives, of a contact in cell ``c`` of a near block."""
     wx, wy, wz = w
@@ -128,117 +116,90 @@ def _normal_and_before(measured, r):
     return n, vec(measured[r, BEFORE], measured[r, BEFORE + 1], measured[r, BEFORE + 2])
 
 
-def _solve_block(particles, near, touching, grid, field, m, dt, force, stamp):
-    """Impulses on the contacts of a near block; its share holds their changes."""
-    given, push, measured, share = touching.given, touching.push, touching.measured, touching.shares[m]
-    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
-        p = np.int64(particles.order[touching.entry[r]])
-        w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
-        shared, u = _meet(near, touching, grid, m, c, weight)
-        n, before = _normal_and_before(measured, r)
-        begun = vec(given[r, 1], given[r, 2], given[r, 3])
-        basal = record(field.friction[particles.label[w, 0], touching.patch[r]])
-        j = impulse(u, n, measured[r, GAP], shared, basal, dt, begun, real(0.0))
-        push[r, 0] = work(j, begun, before, u, shared)
-        force[w, 0] = stamp
-        for k in range(3):
-            push[r, 1 + k] = j[k]
-            force[w, 1 + k] = j[k] / dt
-        if r == touching.place[m]:
-            _clear_share(share)
-        _spread(share, c, weight, real(0.0), j[0] - begun[0], j[1] - begun[1], j[2] - begun[2])
+def _keep_push(push, r, j, begun, before, u, compliance):
+    """Note work and impulse of a contact; returns the change of the impulse."""
+    push[r, 0] = work(j, begun, before, u, compliance)
+    for k in range(3):
+        push[r, 1 + k] = j[k]
+    return vec(j[0] - begun[0], j[1] - begun[1], j[2] - begun[2])
 
 
-def solve_structure_contacts(particles, near, touching, grid, field, dt, force, stamp):
-    """Solve for one impulse per contact; ``force`` gets the ``stamp`` of this step and the force of the structures."""
-    for m in prange(len(near.owners)):
-        if touching.number[m] > 0:
-            _solve_block(particles, near, touching, grid, field, m, dt, force, stamp)
+def _solve(touching, r, basal, u, compliance, dt, force, w, stamp):
+    """Impulse on a contact; returns its change. ``force`` gets the ``stamp`` of this step and the force of the structures."""
+    given, measured = touching.given, touching.measured
+    n, before = _normal_and_before(measured, r)
+    begun = vec(given[r, 1], given[r, 2], given[r, 3])
+    j = impulse(u, n, measured[r, GAP], compliance, basal, dt, begun, real(0.0))
+    force[w, 0] = stamp
+    for k in range(3):
+        force[w, 1 + k] = j[k] / dt
+    return _keep_push(touching.push, r, j, begun, before, u, compliance)
 
 
-def _follow_block(particles, near, touching, grid, m, dt, force):
-    """Move the contacts of a near block on; its share holds their weights and the impulses of the substep before."""
-    given, measured, share = touching.given, touching.measured, touching.shares[m]
-    _clear_share(share)
-    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
-        p = np.int64(particles.order[touching.entry[r]])
-        w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
-        _, v = _meet(near, touching, grid, m, c, weight)
-        n, _ = _normal_and_before(measured, r)
-        measured[r, DISTANCE] = moved_gap(measured[r, DISTANCE], n, vec(dt * v[0], dt * v[1], dt * v[2]))
-        measured[r, GAP] = contact_gap(measured[r, DISTANCE], _radius_of(particles, w))
-        for k in range(3):
-            measured[r, BEFORE + k] = v[k]
-            given[r, 1 + k] = dt * force[w, 1 + k]
-        _spread(share, c, weight, real(1.0), given[r, 1], given[r, 2], given[r, 3])
+def _stop(touching, r, u, compliance, dt, band):
+    """Impulse on a contact whose centre would enter."""
+    n, before = _normal_and_before(touching.measured, r)
+    none = vec(real(0.0), real(0.0), real(0.0))
+    j = stopping_impulse(dot(u, n), entry_velocity(touching.measured[r, DISTANCE], dt, band), compliance)
+    return _keep_push(touching.push, r, vec(j * n[0], j * n[1], j * n[2]), none, before, u, compliance)
 
 
-def follow_structure_contacts(particles, near, touching, grid, dt, force):
-    """Move the contacts on with the velocities that the nodes hold after a substep; they start from the ``force`` of it."""
-    for m in prange(len(near.owners)):
-        if touching.number[m] > 0:
-            _follow_block(particles, near, touching, grid, m, dt, force)
+def _enters(touching, r, u, dt, band):
+    """Mark a contact whose centre would still enter a structure within the step; returns whether it is one."""
+    n, _ = _normal_and_before(touching.measured, r)
+    enters = dot(u, n) < entry_velocity(touching.measured[r, DISTANCE], dt, band)
+    touching.given[r, 0] = real(1.0) if enters else real(0.0)
+    return enters
 
 
-def _find_entering_block(particles, near, touching, grid, m, dt, band):
-    """Mark the contacts of a near block whose centres would enter a structure, with weights in its share; returns how many."""
-    given, measured, share = touching.given, touching.measured, touching.shares[m]
-    none = real(0.0)
+def _follow(touching, r, u, dt, force, w, radius):
+    """Move a contact on with the velocity ``u`` after a substep; returns the impulse from which it starts in the next one."""
+    given, measured = touching.given, touching.measured
+    n, _ = _normal_and_before(measured, r)
+    measured[r, DISTANCE] = moved_gap(measured[r, DISTANCE], n, vec(dt * u[0], dt * u[1], dt * u[2]))
+    measured[r, GAP] = contact_gap(measured[r, DISTANCE], radius)
+    for k in range(3):
+        measured[r, BEFORE + k] = u[k]
+        given[r, 1 + k] = dt * force[w, 1 + k]
+    return vec(given[r, 1], given[r, 2], given[r, 3])
+
+
+def _pass_block(particles, near, touching, grid, field, m, step, force, doing):
+    """One round over the contacts of a near block, which fills its share; returns how many would enter.
+
+    ``step`` are the time step [s], the width [m] of the band of contact and the stamp of this step.
+    """
+    dt, band, stamp = step
+    share = touching.shares[m]
     entering = 0
     _clear_share(share)
     for r in range(touching.place[m], touching.place[m] + touching.number[m]):
+        if doing == STOP and touching.given[r, 0] == real(0.0):
+            for k in range(4):
+                touching.push[r, k] = real(0.0)
+            continue
         p = np.int64(particles.order[touching.entry[r]])
-        c, weight = particles.cell[p], _weights_of(particles.rec, p)
-        _, u = _meet(near, touching, grid, m, c, weight)
-        n, _ = _normal_and_before(measured, r)
-        given[r, 0] = none
-        if dot(u, n) < entry_velocity(measured[r, DISTANCE], dt, band):
-            given[r, 0] = real(1.0)
-            entering += 1
-            _spread(share, c, weight, real(1.0), none, none, none)
+        w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
+        compliance, u = _meet(near, touching, grid, m, c, weight)
+        none = real(0.0)
+        if doing == SOLVE:
+            basal = record(field.friction[particles.label[w, 0], touching.patch[r]])
+            x = _solve(touching, r, basal, u, compliance, dt, force, w, stamp)
+            _spread(share, c, weight, none, x[0], x[1], x[2])
+        elif doing == ENTER:
+            if _enters(touching, r, u, dt, band):
+                entering += 1
+                _spread(share, c, weight, real(1.0), none, none, none)
+        elif doing == STOP:
+            x = _stop(touching, r, u, compliance, dt, band)
+            _spread(share, c, weight, none, x[0], x[1], x[2])
+        else:
+            x = _follow(touching, r, u, dt, force, w, _radius_of(particles, w))
+            _spread(share, c, weight, real(1.0), x[0], x[1], x[2])
     return entering
 
 
-def find_entering(particles, near, touching, grid, dt, band, entering):
-    """Mark the contacts whose centres would still enter a structure within the step; returns how many."""
-    for m in prange(len(near.owners)):
-        entering[m] = _find_entering_block(particles, near, touching, grid, m, dt, band) if touching.number[m] > 0 else 0
-    total = 0
-    for m in range(len(near.owners)):
-        total += entering[m]
-    return total
-
-
-def _stop_block(particles, near, touching, grid, m, dt, band):
-    """Impulses on the marked contacts of a near block, in its share too; none on the others."""
-    given, push, measured, share = touching.given, touching.push, touching.measured, touching.shares[m]
-    none = vec(real(0.0), real(0.0), real(0.0))
-    _clear_share(share)
-    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
-        for k in range(4):
-            push[r, k] = real(0.0)
-        if given[r, 0] == real(0.0):
-            continue
-        p = np.int64(particles.order[touching.entry[r]])
-        c, weight = particles.cell[p], _weights_of(particles.rec, p)
-        shared, u = _meet(near, touching, grid, m, c, weight)
-        n, before = _normal_and_before(measured, r)
-        j = stopping_impulse(dot(u, n), entry_velocity(measured[r, DISTANCE], dt, band), shared)
-        stop = vec(j * n[0], j * n[1], j * n[2])
-        push[r, 0] = work(stop, none, before, u, shared)
-        for k in range(3):
-            push[r, 1 + k] = stop[k]
-        _spread(share, c, weight, real(0.0), stop[0], stop[1], stop[2])
-
-
-def stop_entering(particles, near, touching, grid, dt, band):
-    """Impulses on the contacts that are marked."""
-    for m in prange(len(near.owners)):
-        if touching.number[m] > 0:
-            _stop_block(particles, near, touching, grid, m, dt, band)
-
-
-def book_structures(touching, impulses):
+def _book(touching, impulses):
     """Add the impulses on the structures to ``impulses`` (patches, 3) [N s], row by row; returns the work [J] that they took."""
     place, number, push, patch = touching.place, touching.number, touching.push, touching.patch
     taken = 0.0
@@ -248,3 +209,33 @@ def book_structures(touching, impulses):
             for k in range(3):
                 impulses[patch[r], k] -= np.float64(push[r, 1 + k])
     return taken
+
+
+def push_from_structures(particles, near, touching, grid, field, step, force, impulses, taken, follows):
+    """Solve for one impulse per contact, stop the particles that would still enter, and add all impulses to the nodes.
+
+    ``step`` is as for :func:`_pass_block`; ``force`` gets the stamp of this step and the force of the structures, ``impulses``
+    (patches, 3) what acts on these. If another substep ``follows``, the contacts are moved on. Returns the work [J] that the
+    structures have ``taken`` since the start, and the number of particles that were stopped.
+    """
+    number = touching.number
+    entering = touching.entering
+    stopped = 0
+    for doing in range(4):
+        if doing == STOP and stopped == 0:
+            continue
+        if doing < FOLLOW or stopped > 0:
+            for q in prange(len(near.nodes)):
+                if _has_contacts(near.down, number, q):
+                    _add_shares(near, touching, grid, q, doing in (SOLVE, STOP))
+        if doing == FOLLOW and not follows:
+            break
+        for m in prange(len(near.owners)):
+            if number[m] > 0:
+                entering[m] = _pass_block(particles, near, touching, grid, field, m, step, force, doing)
+        if doing == ENTER:
+            for m in range(len(number)):
+                stopped += entering[m] if number[m] > 0 else 0
+        elif doing < FOLLOW:
+            taken += _book(touching, impulses)
+    return taken, stopped

@@ -46,7 +46,7 @@ class Structures:
 
     def checkpoint(self, prefix: str) -> State:
         """What the next step needs, by name."""
-        return arrays_of(self, ("band", "entering"), prefix)
+        return arrays_of(self, ("band",), prefix)
 
     def find_near(self, blocks: Blocks, constants: Constants) -> None:
         """Find the blocks near structures, of a new index."""
@@ -61,10 +61,9 @@ class Structures:
         self.near = Near(owners, up, nodes.astype(np.int32), np.ascontiguousarray(row_of[blocks.down[nodes]]))
         real = self.force.dtype
         self.touching = Touching(
-            np.zeros(len(owners) + 1, np.int64), np.zeros(len(owners), np.int64), *_rows(0, real),
-            np.zeros((len(owners), SHARE, 4), real), np.zeros((len(nodes), 64), real), np.zeros((len(nodes), 64), real),
+            np.zeros(len(owners) + 1, np.int64), np.zeros(len(owners), np.int64), np.zeros(len(owners), np.int64),
+            *_rows(0, real), np.zeros((len(owners), SHARE, 4), real), *np.zeros((2, len(nodes), 64), real),
         )  # fmt: skip
-        self.entering = np.zeros(len(owners), np.int64)
 
     def find(
         self, k: SimpleNamespace, store: Store, blocks: Blocks, tables: Tables, steps: int, substeps: int, max_speed: float
@@ -74,7 +73,8 @@ class Structures:
         if not len(near.owners):
             self.contacts = 0
             return
-        rows = k.place_structure_rows(near, blocks.held, self.touching.place)
+        np.cumsum(blocks.held[near.owners], out=self.touching.place[1:])
+        rows = int(self.touching.place[-1])
         if rows > len(self.touching.entry):
             made = _rows(rows + rows // 4, self.force.dtype)
             self.touching = self.touching._replace(**dict(zip(("entry", "patch", "measured", "given", "push"), made, strict=True)))
@@ -85,32 +85,18 @@ class Structures:
             self.force, real(stamp_of(steps - substeps))
         )  # fmt: skip
 
-    def follow(self, k: SimpleNamespace, store: Store, grid: Grid, tables: Tables) -> None:
-        """Move the contacts on with the velocities of the substep before."""
-        if self.contacts:
-            k.follow_structure_contacts(store.particles, self.near, self.touching, grid, tables.step.dt, self.force)
+    def push(self, k: SimpleNamespace, store: Store, tables: Tables, steps: int, grid: Grid, follows: bool) -> None:
+        """Add the impulses of the structures to the velocities of the nodes, and book them; ``steps`` is as for :meth:`find`.
 
-    def push(self, k: SimpleNamespace, store: Store, tables: Tables, steps: int, grid: Grid) -> None:
-        """Add the impulses of the structures to the velocities of the nodes, and book them; ``steps`` is as for :meth:`find`."""
-        near, t, dt, real = self.near, self.touching, tables.step.dt, self.force.dtype.type
+        If another substep ``follows``, the contacts are moved on with the velocities that the nodes then have.
+        """
         if self.contacts == 0:
             return
-        k.share_structure_contacts(near, t, grid)
-        k.solve_structure_contacts(store.particles, near, t, grid, self.field, dt, self.force, real(stamp_of(steps)))
-        k.push_from_structures(near, t, grid)
-        self.dissipation += k.book_structures(t, self.impulses)
-        entering = k.find_entering(store.particles, near, t, grid, dt, self.band, self.entering)
-        if entering:
-            self.stopped += entering
-            self.stop(k, store, grid, tables)
-
-    def stop(self, k: SimpleNamespace, store: Store, grid: Grid, tables: Tables) -> None:
-        """Stop the particles that would enter a structure in the step."""
-        near, t = self.near, self.touching
-        k.share_structure_contacts(near, t, grid)
-        k.stop_entering(store.particles, near, t, grid, tables.step.dt, self.band)
-        k.push_from_structures(near, t, grid)
-        self.dissipation += k.book_structures(t, self.impulses)
+        step = tables.step.dt, self.band, self.force.dtype.type(stamp_of(steps))
+        self.dissipation, stopped = k.push_from_structures(
+            store.particles, self.near, self.touching, grid, self.field, step, self.force, self.impulses, self.dissipation, follows
+        )
+        self.stopped += stopped
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""

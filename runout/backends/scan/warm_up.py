@@ -110,8 +110,6 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
             engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
     if scene.basal.law.drags_column and len(scene.materials) > 1:
         engine.share_releases()
-    if engine.structures:
-        engine.structures.stop(engine.k, engine.store, engine.workspace.grid, engine.tables)
     engine.particles()
     ScanBackend(threads=1).restore(scene, engine.checkpoint())
     dense = ScanBackend(threads=1, index="dense")
