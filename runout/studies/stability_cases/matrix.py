@@ -49,7 +49,7 @@ AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "precision": ({"precision": "float64"},),
     "substeps": (
         *({"substeps": k} for k in (1, 2, 16, 64)),
-        {"substeps": 64, "cfl": 0.1},
+        {"substeps": 64, "cfl": 0.1, "speed": 20.0, "terrain": "ramp"},
         {"substeps": 64, **FAST_AND_THIN},
         {"substeps": 64, "speed": 30.0, "terrain": "wall of 80 deg", "youngs_modulus": 1e8},
         {"substeps": 16, "terrain": "step down in one cell", **PASSAGE},
