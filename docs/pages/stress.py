@@ -14,7 +14,7 @@ TOGETHER = "all together (Latin hypercube)"
 OPENING = """# Stability
 
 A mass of sand on a small terrain, with extreme values of every setting of a run: first each setting alone, then all
-settings together in {samples} runs of a Latin hypercube.
+settings together in {samples} runs of a Latin hypercube. Each run moves in transfers of as many substeps as a run would take.
 
 **{survived} survived, {refused} were refused, {failed} failed.**
 

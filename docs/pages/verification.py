@@ -17,6 +17,7 @@ OPENING = """# Verification
 The scheme is compared with closed forms and manufactured solutions, and its orders of convergence are measured.
 
 - Each case runs in CI on coarser grids with the same declared orders, in float64 on one thread.
+- Bodies move in transfers as in a run: up to 4 substeps, one while nothing moves 0.01 cells in a step. U6 states its own.
 - An order holds if the least-squares slope is at most {slack:g} below the declared order.
 - Errors are relative unless a unit is given.
 

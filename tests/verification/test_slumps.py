@@ -13,8 +13,9 @@ import pytest
 import runout
 from runout.backends.protocol import get_backend
 from runout.model.numerics import Numerics
-from runout.physics import geostatic
+from runout.physics import geostatic, substeps
 from runout.simulation.scenario import build_scene
+from runout.studies.verification_cases.bodies import transfer
 
 INTERNAL_DEG, BASAL_DEG, H = 34.0, 30.0, 2.0
 STRENGTH = math.sin(math.radians(INTERNAL_DEG))
@@ -24,18 +25,18 @@ def sand(cone="plane_strain"):
     return runout.DruckerPrager(density=2000.0, youngs_modulus=2e7, poisson_ratio=0.3, friction_angle=INTERNAL_DEG, cone=cone)
 
 
-def followed(terrain, thickness, placement, material, times):
+def followed(terrain, thickness, placement, material, times, substeps=Numerics.substeps):
     """Places (len(times), n, 3) [m] and thickness maps (len(times), rows, columns) [m] of a mass at these times."""
     release = runout.Release(thickness, terrain, placement=placement)
-    scene, particles = build_scene(terrain, release, material, BASAL_DEG, Numerics(cell_size=H, particles_per_cell=8))
+    numerics = Numerics(cell_size=H, particles_per_cell=8, substeps=substeps)
+    scene, particles = build_scene(terrain, release, material, BASAL_DEG, numerics)
     engine, spacing, time = get_backend("scan", threads=1), np.array(scene.spacing), 0.0
     engine.load(scene, particles)
     places, maps = [], []
     for end in times:
         while time < end * (1 - 1e-9):
             dt = min(engine.stable_step(), end - time)
-            engine.step(dt)
-            time += dt
+            time += dt * transfer(engine, scene, dt, max(1, int((end - time) / dt)))
         found = engine.particles()
         assert len(found) == len(particles)
         places.append(found.position(spacing))
@@ -77,6 +78,15 @@ def slab(slope_deg, placement):
     return from_end[from_middle < 12.0], speed[from_middle < 12.0]
 
 
+def creep(thickness, most):
+    """Mean speed [mm/s] in 3 to 6 s of the middle of a slab on 20 degrees, in transfers of at most so many substeps."""
+    ground, mass, distances = slab_of(20.0, thickness, 60.0, 40.0)
+    places, _ = followed(ground, mass, "excavated", sand(), (0.0, 3.0, 6.0), most)
+    from_end, from_middle = distances(places[0])
+    inside = (from_end > 15.0) & (from_end < 45.0) & (from_middle < 8.0)
+    return 1e3 * np.linalg.norm(places[2, inside] - places[1, inside], axis=1).mean() / 3.0
+
+
 def run_to_rest(ground, thickness, placement, end_time):
     """Reason and time [s] of the end of a run that stops at rest."""
     release = runout.Release(thickness, ground, placement=placement)
@@ -108,6 +118,15 @@ def test_heap_steeper_than_its_strength_in_steady_shear_slumps_slowly_and_ever_s
 @pytest.mark.parametrize(("slope_deg", "limit"), [(20.0, 0.25), (25.0, 0.8)])
 def test_slab_whose_ends_are_held_rests(slope_deg, limit):
     assert abs(slab(slope_deg, "excavated")[1].mean()) < limit  # [mm/s]
+
+
+@pytest.mark.parametrize(("thickness", "limit"), [(3.0, 0.15), (8.0, 0.5)])
+def test_slab_at_rest_creeps_no_faster_with_substeps_since_slow_mass_takes_one(monkeypatch, thickness, limit):
+    """The loss of each transfer stops creep: with a quarter of the transfers a slab creeps faster."""
+    one, four = (creep(thickness, most) for most in (1, 4))
+    assert four <= one < limit
+    monkeypatch.setattr(substeps, "SLOWEST", 0.0)
+    assert creep(thickness, 4) > 1.1 * one
 
 
 def test_slab_with_a_free_face_slumps_there_and_rests_beyond_its_reach():

@@ -61,7 +61,8 @@ class ReferenceBackend:
     def __init__(self) -> None:
         self.counters = Counters()
         self.period = np.full(3, LARGEST_GRID)  # [cells] after which the grid, not the ground, repeats; may be set
-        self.watch: Any = lambda *_: None  # called with stencils, nodal mass and velocity before contact; may be set
+        self.watch: Any = lambda *_: None  # called by substep with stencils, nodal mass, velocity before contact; may be set
+        self._pushes: list[np.ndarray] = []
 
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Load a scene and its particles; sums and counters start at zero."""
@@ -103,14 +104,14 @@ class ReferenceBackend:
         self.counters.rebuilds += 1
         stencils = Stencils(self._p, self.spacing, self.period)
         mass, given, velocity = self._particles_to_grid(stencils, dt)
-        self.watch(stencils, mass[:, 0], velocity)
         moved, lasting = _Motion.none(len(self._p)), substeps * dt
         on_ground = self._find_ground(stencils, lasting) if self.scene.surface is not None else None
         on_structures = self.structures.find(self._p, lasting) if self.structures else None
         for substep in range(substeps):
             if substep:
                 self._grid_to_particles(stencils, velocity, dt, moved)
-                self._push_nodes(stencils, mass, velocity, dt, moved)
+                velocity = self._pushed_nodes(stencils, mass, velocity, dt, moved)
+            self.watch(stencils, mass[:, 0], velocity)
             if on_ground:
                 self._touch_ground(on_ground, moved.way, stencils, mass, velocity, dt, first=not substep)
             if self.structures and on_structures:
@@ -118,14 +119,19 @@ class ReferenceBackend:
                 self.structures.touch(self._p, on_structures, moved.way, stencils, mass, velocity, dt, share)
         slips = self._slips(stencils, given) if self.scene.keeps else ()
         self._grid_to_particles(stencils, velocity, dt, moved)
+        self._pushes = []
         self._move(moved.way, lasting)
         for mine, slip in zip((self._p.velocity, self._p.affine), slips, strict=False):
             mine[:] = np.stack(kept_velocity(np.moveaxis(mine, -1, 0), np.moveaxis(slip, -1, 0), self.scene.keeps), axis=-1)
         self._let_escape()
 
     def push(self, change: np.ndarray) -> None:
-        """Add ``change`` (n, 3) [m/s] to the velocities: a body force of verification; particles ordered by identity."""
-        self._p.velocity += change
+        """Add ``change`` (n, 3) [m/s] to the velocities: a body force of verification; particles ordered by identity.
+
+        With (substeps, n, 3) the further rows act in the further substeps of the next transfer.
+        """
+        first, *self._pushes = np.reshape(change, (-1, *self._p.velocity.shape))
+        self._p.velocity += first
 
     def particles(self) -> Particles:
         """Present particles, ordered by identity."""
@@ -192,13 +198,16 @@ class ReferenceBackend:
         force = 0.0 if self.scene.packed else quotient(stencils.scatter_slopes(impulse), mass)
         return mass, given, given + force + dt * np.array(self.scene.gravity)
 
-    def _push_nodes(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, moved: "_Motion") -> None:
-        """Add the internal force of the present stress and gravity over a substep to the nodal velocities."""
+    def _pushed_nodes(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, moved: "_Motion") -> np.ndarray:
+        """Nodal velocities with the internal force of the present stress, gravity and a body force over a substep."""
         (stress, _), at_start = self._stress_and_energy(), np.zeros((len(self._p), 9))
         self.loops.refer_stress(stress, moved.deformation, at_start)
         impulse = (-dt * self._p.volume)[:, None, None] * at_start.reshape(-1, 3, 3) * self.inverse_inertia
-        velocity += quotient(stencils.scatter(np.einsum("pij,pnj->pni", impulse, stencils.arm)), mass)
+        velocity = velocity + quotient(stencils.scatter(np.einsum("pij,pnj->pni", impulse, stencils.arm)), mass)
         velocity += dt * np.array(self.scene.gravity)
+        if self._pushes:
+            velocity += quotient(stencils.scatter(self._p.mass[:, None] * self._pushes.pop(0)), mass)
+        return velocity
 
     def _find_ground(self, stencils: Stencils, lasting: float) -> Contacts:
         """Particles that touch the ground within a transfer, which is ``lasting`` [s]."""

@@ -9,7 +9,7 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
 from runout.model.limits import CFL
 from runout.model.materials import Material
-from runout.model.numerics import Numerics
+from runout.model.numerics import Numerics, Scheme
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
@@ -46,6 +46,7 @@ class Layout:
     basal: float = 20.0
     speed: float = 0.0
     precision: str = "float32"
+    substeps: int = Scheme.substeps
     placement: str = "on_surface"
     origin: tuple[float, float] = (0.0, 0.0)
     keep: int | None = None

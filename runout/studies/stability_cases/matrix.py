@@ -13,6 +13,7 @@ from runout.studies.stability_cases.trial import LARGEST
 
 SAMPLES, SEED = 200, 20
 PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
+FAST_AND_THIN: dict[str, Any] = {"speed": 30.0, "thickness": 0.25, "terrain": "ramp", "youngs_modulus": 1e8}  # ends transfers early
 SMALLEST_ANGLE = LARGEST_RADIANS + 0.03  # [deg]; smaller angles look like radians
 AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "Courant number": tuple({"cfl": c} for c in (0.1, 0.2, 0.4, 0.5, 0.6, 0.61, 0.8, 1.0, 1.5)),
@@ -46,6 +47,14 @@ AXES: dict[str, tuple[dict[str, Any], ...]] = {
     ),
     "coordinates": tuple({"origin": o} for o in ((2.627e6, 5.14e6), (-5e5, -5e6))),
     "precision": ({"precision": "float64"},),
+    "substeps": (
+        *({"substeps": k} for k in (1, 2, 16, 64)),
+        {"substeps": 64, "cfl": 0.1, "speed": 20.0, "terrain": "ramp"},
+        {"substeps": 64, **FAST_AND_THIN},
+        {"substeps": 64, "speed": 30.0, "terrain": "wall of 80 deg", "youngs_modulus": 1e8},
+        {"substeps": 16, "terrain": "step down in one cell", **PASSAGE},
+        {"substeps": 64, "slope": 10.0, "elastic": True, "rests": True, "steps": 2000},
+    ),
     "rest": (
         {"slope": 10.0, "elastic": True, "rests": True, "steps": 2000},
         {"slope": 10.0, "thickness": 0.5, "friction_angle": 45.0, "rests": True, "steps": 20000},
@@ -74,6 +83,9 @@ PINNED: tuple[dict[str, Any], ...] = (
     {"keep": 1},
     {"speed": 100.0, "terrain": "ramp", "youngs_modulus": 1e8},
     {"origin": (2.627e6, 5.14e6)},
+    {"substeps": 1},
+    {"substeps": 16},
+    {"substeps": 64, **FAST_AND_THIN},
     {"slope": 10.0, "elastic": True, "rests": True, "steps": 1000},
 )
 
@@ -121,6 +133,7 @@ def _from_unit(u: np.ndarray) -> Layout:
         thickness=thickness,
         flatness=0.5 + 0.5 * u[13],
         precision="float32" if u[0] * 16 % 1 < 0.5 else "float64",
+        substeps=(1, 4, 16, 64)[int(u[1] * 16 % 1 * 4)],
     )
     held = 64 * np.prod(per_cell) * layout.thickness / layout.flatness
     return layout if held <= LARGEST else replace(layout, per_cell=(1, 1, 1))

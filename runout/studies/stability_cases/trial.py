@@ -7,6 +7,7 @@ from runout.backends.protocol import get_backend
 from runout.errors import RunoutError
 from runout.studies.stability_cases.invariants import Watch
 from runout.studies.stability_cases.layout import Layout
+from runout.studies.verification_cases.bodies import transfer
 
 LOOKS = 40  # at least so many over a run
 LARGEST = 5_000  # particles
@@ -28,7 +29,7 @@ class Trial:
 
 
 def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu") -> Trial:
-    """Run one layout on one backend (one thread on the CPU)."""
+    """Run one layout on one backend (one thread on the CPU), in the transfers of a run."""
     started = time.perf_counter()
     try:
         scene, particles = layout.built()
@@ -37,16 +38,17 @@ def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu
     except RunoutError as refusal:
         return Trial(name, layout, backend, "refused", str(refusal), 0, 0, {}, time.perf_counter() - started)
     watch = Watch(layout, scene, particles, engine.ledger())
-    every, reasons = max(1, layout.steps // LOOKS), list[str]()
+    every, reasons = max(1, layout.steps // LOOKS), list[str]()  # steps, which end with a transfer
     try:
         while watch.steps < layout.steps and watch.look(engine):
-            for k in range(every):
+            looked = watch.steps
+            while watch.steps < looked + every:
                 dt = engine.stable_step()
-                engine.step(dt)
-                watch.time += dt
-                if k == 0:
+                count = transfer(engine, scene, dt)
+                watch.time += count * dt
+                if watch.steps == looked:
                     watch.close(engine.ledger())
-            watch.steps += every
+                watch.steps += count
         watch.look(engine)
         watch.finish(engine)
     except RunoutError as stop:

@@ -15,7 +15,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 from runout.release import stagger
-from runout.studies.verification_cases.bodies import equal_steps
+from runout.studies.verification_cases.bodies import advance, equal_steps
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.finding import Bound, Case, Result
 
@@ -93,13 +93,12 @@ class Layer:
 
     def speeds(self, times: tuple[float, ...], backend: str = "scan") -> list[float]:
         """Mean speeds [m/s] down the slope after some times [s]."""
-        engine, before, found = self.engine(backend), 0.0, []
+        engine, scene, before, found = self.engine(backend), self.scene(), 0.0, []
         for time in times:
             while before < time:
                 span = min(1.0, time - before)
                 steps, dt = equal_steps(span, 0.9 * engine.stable_step())
-                for _ in range(steps):
-                    engine.step(dt)
+                advance(engine, scene, steps, dt)
                 before += span
             p = engine.particles()
             found.append(float(p.mass @ p.velocity[:, 0] / p.mass.sum()))

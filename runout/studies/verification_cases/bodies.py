@@ -1,4 +1,4 @@
-"""Bodies of regular particles, and runs of a backend in equal steps."""
+"""Bodies of regular particles, and runs of a backend in equal steps with the transfers of a run."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ from runout.model.limits import CFL
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from runout.physics.substeps import MOST_SUBSTEPS
 
 
 def lattice(size: tuple[float, ...], spacing: float, per_cell: int = 2) -> np.ndarray:
@@ -52,6 +53,19 @@ def equal_steps(time: float, limit: float) -> tuple[int, float]:
     return steps, time / steps
 
 
+def transfer(engine: Backend, scene: Scene, dt: float, most: int = MOST_SUBSTEPS) -> int:
+    """One transfer of steps of ``dt`` [s], as many as a run would take and at most ``most``; returns their number."""
+    count = min(most, scene.substep_count(dt, engine.max_speed))
+    engine.step(dt, count)
+    return count
+
+
+def advance(engine: Backend, scene: Scene, steps: int, dt: float) -> None:
+    """``steps`` steps of ``dt`` [s] in the transfers that a run would make."""
+    while steps:
+        steps -= transfer(engine, scene, dt, steps)
+
+
 def relaxed(
     scene: Scene,
     particles: Particles,
@@ -75,8 +89,7 @@ def relaxed(
         share = min(1.0, (step + every) * dt / ramp) if ramp > 0 else 1.0
         x, y, z = scene.gravity
         engine.load(replace(scene, gravity=(share * x, share * y, share * z)), particles)
-        for _ in range(every):
-            engine.step(dt)
+        advance(engine, scene, every, dt)
         particles = engine.particles()
         rigid = np.zeros(3) if along is None else (particles.velocity @ along).mean() * along
         particles.velocity[:] = rigid + kept * (particles.velocity - rigid)

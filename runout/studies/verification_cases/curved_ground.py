@@ -8,10 +8,9 @@ from scipy.integrate import solve_ivp
 
 from runout.backends.protocol import Backend
 from runout.materials.elastic import Elastic
-from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
-from runout.studies.verification_cases.bodies import lattice, loaded, particles_at
+from runout.studies.verification_cases.bodies import lattice, loaded, particles_at, transfer
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.finding import Bound, Case, Result
 
@@ -107,11 +106,12 @@ class Way:
         s = (x - self.origin[0])[:, None] * along[0] + (x - self.origin[1])[None, :] * along[1]
         return Surface.through(self.profile(s) + self.origin[2], (self.spacing,) * 2)
 
-    def loaded(self, local: np.ndarray, friction: float) -> tuple[Backend, Particles]:
-        """Backend with the block at local places (n, 3) [m]: along, across, up."""
+    def loaded(self, local: np.ndarray, friction: float) -> tuple[Backend, Scene]:
+        """Backend with the block at local places (n, 3) [m]: along, across, up; and its scene."""
         p = particles_at(self.origin + local @ self.frame, self.spacing, BLOCK.density, self.spacing / 4)
         raster = Raster(100, 100, (self.extent / 100,) * 2)
-        return loaded(Scene((self.spacing,) * 3, self.surface(), raster, (BLOCK,), (friction,), precision="float64"), p), p
+        scene = Scene((self.spacing,) * 3, self.surface(), raster, (BLOCK,), (friction,), precision="float64")
+        return loaded(scene, p), scene
 
     def middle(self, engine: Backend) -> np.ndarray:
         """Centroid (3,) [m]: along, across, up."""
@@ -123,14 +123,13 @@ def swing(friction: float, spacing: float, azimuth_deg: float, offset: float) ->
     s = lattice((LENGTH, WIDTH, HEIGHT), spacing) - (LENGTH / 2, WIDTH / 2, 0.0)
     angle, r = s[:, 0] / BOWL_RADIUS - RELEASE_ANGLE, BOWL_RADIUS - s[:, 2]
     way = Way(bowl, azimuth_deg, 9.0, spacing, offset)
-    engine, _ = way.loaded(np.column_stack([r * np.sin(angle), s[:, 1], BOWL_RADIUS - r * np.cos(angle)]), friction)
+    engine, scene = way.loaded(np.column_stack([r * np.sin(angle), s[:, 1], BOWL_RADIUS - r * np.cos(angle)]), friction)
     time, highest, when = 0.0, -np.inf, 0.0
     latest = 1.1 * turning(friction)[1]
     while time < latest:
         for _ in range(10):
             dt = engine.stable_step()
-            engine.step(dt)
-            time += dt
+            time += dt * transfer(engine, scene, dt)
         at = way.middle(engine)
         now = float(np.arctan2(at[0], BOWL_RADIUS - at[2]))
         if now > highest:
@@ -146,15 +145,15 @@ def slide_off(spacing: float, azimuth_deg: float, offset: float) -> float:
     foot = np.array([start, float(ramp(np.array(start)))])
     place = foot + local[:, :1] * along + local[:, 2:] * up
     way = Way(ramp, azimuth_deg, 44.0, spacing, offset)
-    engine, _ = way.loaded(np.column_stack([place[:, 0], local[:, 1], place[:, 1]]), RAMP_FRICTION)
+    engine, scene = way.loaded(np.column_stack([place[:, 0], local[:, 1], place[:, 1]]), RAMP_FRICTION)
     time, before = 0.0, -np.inf
     while time < 8.0:
-        for _ in range(200):
+        started = time
+        while time < started + 200 * engine.stable_step():
             dt = engine.stable_step()
-            engine.step(dt)
-            time += dt
+            time += dt * transfer(engine, scene, dt)
         now = float(way.middle(engine)[0])
-        if time > 3.0 and now - before < 1e-4 * 200 * dt:
+        if time > 3.0 and now - before < 1e-4 * (time - started):
             break
         before = now
     return now
@@ -169,7 +168,8 @@ def measure_bowl(full: bool) -> list[Result]:
         for azimuth, offset in places:
             angle, time = swing(friction, spacing, azimuth, offset)
             place = f"mu = {friction:g} (exact {np.degrees(exact):.2f} deg), azimuth {azimuth:g} deg, {offset:g} h off a node"
-            results.append(Bound(f"turning angle over the exact one, {place}", angle / exact, 1.02, 0.98))
+            most = 1.02 if friction else 1.001  # a ground without friction gives no energy
+            results.append(Bound(f"turning angle over the exact one, {place}", angle / exact, most, 0.98))
             if friction == 0.0:
                 results.append(Bound(f"half a period over the exact one, azimuth {azimuth:g} deg", time / when, 1.01, 0.99))
     return results

@@ -16,11 +16,11 @@ from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 from runout.release import stagger
-from runout.studies.verification_cases.bodies import filled
+from runout.studies.verification_cases.bodies import filled, transfer
 from runout.studies.verification_cases.closed_forms import GRAVITY
 
 ACROSS = 4  # cells across a slice: the shortest period of the grid
-CHUNK = 10  # steps of one length
+CHUNK = 12  # steps of one length: whole transfers
 BASE = 40.35  # [cells] of a level floor above the origin
 
 
@@ -136,7 +136,7 @@ def run(
 
     The layers of a slice are ``alike``, unless it was :func:`staggered`.
 
-    ``samples`` steps, spread evenly, are taken by the reference backend too, which counts what the transfers lose.
+    ``samples`` transfers, spread evenly, are taken by the reference backend too, which counts what they lose.
     """
     engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene, along, alike)
     engine.period = (along, ACROSS * (scene.raster.rows == 1), 0)  # type: ignore[attr-defined]
@@ -147,11 +147,11 @@ def run(
             if done % CHUNK == 0 or now + dt > end:
                 dt = min(0.95 * engine.stable_step(), end - now)
             if now * samples >= shadow.taken * times[-1]:
-                shadow.look(engine.particles(), now, 0.95 * engine.stable_step())
-            engine.step(dt)
-            now, done = now + dt, done + 1
+                shadow.look(engine.particles(), now, 0.95 * engine.stable_step(), engine.max_speed)
+            steps = transfer(engine, scene, dt, min(CHUNK - done % CHUNK, max(1, int((end - now) / dt))))
+            now, done = now + steps * dt, done + steps
         p = engine.particles()
-        shadow.look(p, now, 0.95 * engine.stable_step())  # the last step may be of the order of rounding
+        shadow.look(p, now, 0.95 * engine.stable_step(), engine.max_speed)  # the last step may be of the order of rounding
         columns, cell = engine.columns(), scene.raster.cell_size
         energies = _energies(start, engine.ledger(), shadow.lost)
         frames.append(Frame(now, shadow.layer(p), columns.volume / (cell[0] * min(cell[1], ACROSS * cell[0])), energies))
@@ -159,7 +159,7 @@ def run(
 
 
 class _Shadow:
-    """Losses at transfers and ground that the ledger does not contain, from single steps of the reference backend."""
+    """Losses at transfers and ground that the ledger does not contain, from single transfers of the reference backend."""
 
     def __init__(self, scene: Scene, along: int, alike: bool):
         self.scene = scene
@@ -172,10 +172,10 @@ class _Shadow:
         """One layer of a slice; all particles in three dimensions."""
         return p.take(np.flatnonzero(p.identity < len(p) // ACROSS)) if self.sliced else p
 
-    def look(self, p: Particles, now: float, dt: float) -> None:
-        """Take a step of ``dt`` [s] at time ``now`` [s] from particles ``p``."""
+    def look(self, p: Particles, now: float, dt: float, speed: float) -> None:
+        """Take a transfer of steps of ``dt`` [s] at time ``now`` [s] from particles ``p``, the fastest at ``speed`` [m/s]."""
         seen = p if self.layers == 1 else self.layer(p)
-        rates = np.array(self.losses.rates(self.scene, seen, dt)) * self.layers
+        rates = np.array(self.losses.rates(self.scene, seen, dt, self.scene.substep_count(dt, speed))) * self.layers
         self.lost += (now - self.time) * 0.5 * (rates + self.rates)
         self.taken, self.time, self.rates = self.taken + 1, now, rates
 
@@ -191,6 +191,9 @@ def _energies(start: LedgerRow, end: LedgerRow, lost: np.ndarray) -> Energies:
 class TransferLoss:
     """Loss of the transfers from particles to nodes without forces, and back. ``period`` (3,) [cells] of the grid."""
 
+    _given: np.ndarray  # velocities [m/s] of nodes as given by particles
+    _pushed: list[tuple[np.ndarray, np.ndarray]]  # by substep: those with forces, and, once it is done, with contact
+
     def __init__(self, period: tuple[int, int, int] = (0, 0, 0)):
         engine: Any = cast(Any, get_backend("reference"))
         engine.watch = self._look
@@ -199,28 +202,34 @@ class TransferLoss:
                 engine.period[axis] = cells
         self._engine = engine
 
-    def rates(self, scene: Scene, particles: Particles, dt: float) -> tuple[float, float]:
-        """Loss [W] in a step of ``dt`` [s] from ``particles``: in the transfers, and at the ground beyond what is booked there.
+    def rates(self, scene: Scene, particles: Particles, dt: float, substeps: int = 1) -> tuple[float, float]:
+        """Loss [W] in a transfer of steps of ``dt`` [s]: in passing velocities, and at the ground beyond what is booked there.
 
-        The ground's work on the nodes takes the mean of their velocities before and after the step. What is booked follows from
+        The ground's work on the nodes takes the mean of their velocities before and after each step. What is booked follows from
         the particles, with lumped compliances.
         """
         self._engine.load(scene, particles)
-        self._particles = self._engine.particles()
+        self._particles, self._pushed = self._engine.particles(), []
         before = self._engine.ledger().kinetic_energy
-        self._engine.step(dt)
-        after = self._engine.ledger()
-        mass, given, pushed, end = self._mass, self._given, self._pushed, self._velocity
-        taken = 0.5 * float(mass @ (end**2).sum(axis=1))
-        lost = before - 0.5 * float(mass @ (given**2).sum(axis=1)) + taken - after.kinetic_energy - after.escaped_energy
-        ground = -0.5 * float((mass[:, None] * (end - pushed) * (given + end)).sum())
-        return lost / dt, (ground - after.basal_dissipation) / dt
+        self._engine.step(dt, substeps)
+        after, mass, begin = self._engine.ledger(), self._mass, self._given
+        given = 0.5 * float(mass @ (begin**2).sum(axis=1))
+        ground = 0.0
+        for pushed, end in self._pushed:
+            ground -= 0.5 * float((mass[:, None] * (end - pushed) * (begin + end)).sum())
+            begin = end
+        taken = 0.5 * float(mass @ (begin**2).sum(axis=1))
+        lost = before - given + taken - after.kinetic_energy - after.escaped_energy
+        return lost / (substeps * dt), (ground - after.basal_dissipation) / (substeps * dt)
 
     def _look(self, stencils: Any, mass: np.ndarray, velocity: np.ndarray) -> None:
-        """Note velocities [m/s] of nodes: as given by particles, with forces, and, once the step is done, with contact."""
+        """Note the velocities of nodes before contact; the array itself has those after it once the substep is done."""
+        self._pushed.append((velocity.copy(), velocity))
+        if len(self._pushed) > 1:
+            return
         p = self._particles
         momentum = p.mass[:, None, None] * (p.velocity[:, None, :] + np.einsum("pij,pnj->pni", p.affine, stencils.arm))
         occupied = mass > 0.0
         self._given = np.zeros_like(velocity)
         self._given[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None]
-        self._mass, self._pushed, self._velocity = mass, velocity.copy(), velocity
+        self._mass = mass

@@ -9,7 +9,7 @@ from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.studies.verification_cases import sliding_box
-from runout.studies.verification_cases.bodies import equal_steps, lattice, loaded, particles_at, relaxed
+from runout.studies.verification_cases.bodies import advance, equal_steps, lattice, loaded, particles_at, relaxed
 from runout.studies.verification_cases.closed_forms import GRAVITY, sliding_block, symplectic_excess
 from runout.studies.verification_cases.finding import Bound, Case, Result
 from runout.studies.verification_cases.sliding_box import (
@@ -38,11 +38,9 @@ def creep(plane: Plane, time: float) -> tuple[float, float]:
     p = relaxed(scene, p, 1.25 * SETTLING, DAMPING, slides, ramp=SETTLING)
     engine, start = loaded(scene, p), p.position(np.array(scene.spacing))
     steps, dt = equal_steps(time, engine.stable_step())
-    for _ in range(steps - steps // 3):
-        engine.step(dt)
+    advance(engine, scene, steps - steps // 3, dt)
     late = engine.particles().position(np.array(scene.spacing))
-    for _ in range(steps // 3):
-        engine.step(dt)
+    advance(engine, scene, steps // 3, dt)
     end = engine.particles().position(np.array(scene.spacing))
     return float(((end - start) @ frame[0]).mean()), float(((end - late) @ frame[0]).mean() / (steps // 3 * dt))
 
@@ -56,8 +54,7 @@ def oblique(azimuth_deg: float, spacing: float, time: float = 0.25, speed: float
     p.velocity[:] = speed * way
     engine = loaded(scene, p)
     steps, dt = equal_steps(time, engine.stable_step())
-    for _ in range(steps):
-        engine.step(dt)
+    advance(engine, scene, steps, dt)
     moved = (engine.particles().position(np.array(scene.spacing)) - p.position(np.array(scene.spacing))).mean(axis=0)
     lost = speed * time - float(np.linalg.norm(moved))
     exact = 0.5 * FRICTION * GRAVITY * time * (time + dt)
@@ -81,7 +78,7 @@ def rest(slope_deg: float, offset: float, spacing: float) -> tuple[float, float]
 
 
 def _first_push(scene: Scene, p: Particles, frame: np.ndarray, layer: np.ndarray) -> tuple[float, Particles]:
-    """Smallest gap [cells] before the step in which the ground pushes first, and the particles after it."""
+    """Smallest gap [cells] before the step in which the ground pushes first, and the particles after it; a step a transfer."""
     engine, gap = loaded(scene, p), np.inf
     fall = np.sqrt(2 * 2.3 * scene.spacing[2] / GRAVITY)  # on a slope it takes longer
     for _ in range(int(0.9 * fall / engine.stable_step())):

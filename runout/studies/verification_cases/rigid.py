@@ -3,7 +3,7 @@
 import numpy as np
 
 from runout.materials.elastic import Elastic
-from runout.studies.verification_cases.bodies import free_scene, lattice, loaded, particles_at
+from runout.studies.verification_cases.bodies import advance, free_scene, lattice, loaded, particles_at
 from runout.studies.verification_cases.closed_forms import GRAVITY, rotated, symplectic_free_fall
 from runout.studies.verification_cases.finding import Bound, Case, Result
 
@@ -15,9 +15,9 @@ WIDTHS = np.full(3, SPACING)
 def fall(backend: str = "scan") -> tuple[float, float, float]:
     """Largest error of position [m] and velocity [m/s], and largest strain [1], of a cube after 200 steps of free fall."""
     p = particles_at(lattice((0.5, 0.5, 0.5), SPACING) + np.array([5.013, 5.027, 3.041]), SPACING, ROCK.density, 0.0)
-    engine, steps, dt = loaded(free_scene(SPACING, ROCK, gravity=GRAVITY), p, backend), 200, 1e-3
-    for _ in range(steps):
-        engine.step(dt)
+    scene, steps, dt = free_scene(SPACING, ROCK, gravity=GRAVITY), 200, 1e-3
+    engine = loaded(scene, p, backend)
+    advance(engine, scene, steps, dt)
     q, (height, velocity) = engine.particles(), symplectic_free_fall(steps, dt)
     place = np.abs(q.position(WIDTHS) - p.position(WIDTHS) - (0, 0, height)).max()
     return float(place), float(np.abs(q.velocity - (0, 0, velocity)).max()), float(np.abs(q.strain).max())
@@ -34,13 +34,13 @@ def spin(time: float, spacing: float = SPACING) -> tuple[float, float, float]:
     whirl = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     p.velocity[:] = local @ whirl.T
     p.affine[:] = whirl
-    engine = loaded(free_scene(spacing, ROCK), p)
+    scene = free_scene(spacing, ROCK)
+    engine = loaded(scene, p)
     start, steps, losses = engine.ledger().kinetic_energy, int(np.ceil(85.0 / spacing)), []
-    for k in range(round(time * steps)):
-        engine.step(1.0 / steps)
-        if (k + 1) % steps == 0:
-            row = engine.ledger()
-            losses.append(1 - (row.kinetic_energy + row.elastic_energy) / start)
+    for _ in range(round(time)):
+        advance(engine, scene, steps, 1.0 / steps)
+        row = engine.ledger()
+        losses.append(1 - (row.kinetic_energy + row.elastic_energy) / start)
     found = engine.particles().position(np.full(3, spacing)) - centre
     return losses[-1], min(losses), float(np.abs(found - rotated(local, time)).max())
 

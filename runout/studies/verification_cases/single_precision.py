@@ -9,7 +9,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.studies.sloping_layer import SPACING as LAYER_SPACING
 from runout.studies.sloping_layer import Layer
-from runout.studies.verification_cases.bodies import equal_steps, free_scene, lattice, loaded, particles_at
+from runout.studies.verification_cases.bodies import advance, equal_steps, free_scene, lattice, loaded, particles_at
 from runout.studies.verification_cases.closed_forms import GRAVITY, symplectic_free_fall
 from runout.studies.verification_cases.finding import Bound, Case, Result
 from runout.studies.verification_cases.rigid import ROCK
@@ -27,8 +27,7 @@ def both(scene: Scene, p: Particles, time: float) -> tuple[Particles, Particles]
         engine = loaded(replace(scene, precision=precision), p)
         if not steps:
             steps, dt = equal_steps(time, 0.9 * engine.stable_step())
-        for _ in range(steps):
-            engine.step(dt)
+        advance(engine, scene, steps, dt)
         ends.append(engine.particles())
     return ends[0], ends[1]
 
@@ -52,8 +51,7 @@ def fall() -> float:
     scene, dt = replace(free_scene(H, ROCK, gravity=GRAVITY), precision="float32"), 5e-4
     scene = replace(scene, raster=replace(scene.raster, cell_size=(1e5, 1e5)))
     engine = loaded(scene, p)
-    for _ in range(2000):
-        engine.step(dt)
+    advance(engine, scene, 2000, dt)
     height, _ = symplectic_free_fall(2000, dt)
     q = engine.particles()
     moved = (q.node[:, 2] - p.node[:, 2] + (q.offset[:, 2] - p.offset[:, 2])) * H

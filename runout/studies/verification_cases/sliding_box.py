@@ -22,7 +22,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 from runout.physics import elastic
-from runout.studies.verification_cases.bodies import equal_steps, lattice, loaded, particles_at, relaxed
+from runout.studies.verification_cases.bodies import advance, equal_steps, lattice, loaded, particles_at, relaxed
 from runout.studies.verification_cases.closed_forms import GRAVITY, sliding_block, symplectic_excess
 from runout.studies.verification_cases.finding import Bound, Case, Result
 
@@ -84,8 +84,7 @@ def slide(plane: Plane, time: float = 1.0) -> Slide:
     last = max(1, steps // 10)
     places = [p.position(spacing) @ frame[0]]
     for some in (steps - last, last):
-        for _ in range(some):
-            engine.step(dt)
+        advance(engine, scene, some, dt)
         places.append(engine.particles().position(spacing) @ frame[0])
     lowest = lowest[: round(SIZE[0] * SIZE[1] * (plane.per_axis / plane.spacing) ** 2)]
     gap = gaps(scene, engine.particles(), frame[2])[lowest]

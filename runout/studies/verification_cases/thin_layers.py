@@ -14,7 +14,7 @@ from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics import elastic
-from runout.studies.verification_cases.bodies import equal_steps, lattice, particles_at
+from runout.studies.verification_cases.bodies import advance, equal_steps, lattice, particles_at
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.finding import Bound, Case, Result
 from runout.studies.verification_cases.sliding_box import FRICTION, tilted_plane
@@ -117,8 +117,7 @@ def _run(scene: Scene, particles: Particles, time: float) -> Particles:
     engine.period[1] = 1
     engine.load(scene, particles)
     steps, dt = equal_steps(time, engine.stable_step())
-    for _ in range(steps):
-        engine.step(dt)
+    advance(engine, scene, steps, dt)
     return engine.particles()  # type: ignore[no-any-return]
 
 

@@ -5,11 +5,12 @@ import numpy as np
 from runout.materials.elastic import Elastic
 from runout.model.particles import Particles
 from runout.studies.verification_cases.bodies import filled, free_scene, loaded
-from runout.studies.verification_cases.finding import Bound, Case, Result
+from runout.studies.verification_cases.finding import Bound, Case, Convergence, Result
 
 SPACING = 0.7
 CENTRE = np.array([30.0, 30.0, -3.0])
 BACKENDS = ("scan", "reference")
+PARTS = (1, 2, 4)  # of a millisecond, in a step
 
 
 def cloud(count: int = 500) -> Particles:
@@ -30,10 +31,10 @@ def angular_momentum(p: Particles) -> np.ndarray:
     return np.asarray((p.mass[:, None] * (np.cross(arm, p.velocity) + spin)).sum(axis=0))
 
 
-def stepped(p: Particles, backend: str) -> Particles:
-    """The particles after one short step without forces."""
+def stepped(p: Particles, backend: str, dt: float = 1e-4, substeps: int = 1) -> Particles:
+    """The particles after one transfer of short steps of ``dt`` [s] without forces from outside."""
     engine = loaded(free_scene(SPACING, Elastic(density=1e3, youngs_modulus=1e3)), p, backend)
-    engine.step(1e-4)
+    engine.step(dt, substeps)
     return engine.particles()
 
 
@@ -51,6 +52,11 @@ def measure_conservation(full: bool) -> list[Result]:
             Bound(f"momentum, {backend}", float(linear), 1e-13),
             Bound(f"angular momentum, {backend}", float(turning), 1e-13),
         ]
+        ends = [stepped(p, backend, 1e-3 / n, 4) for n in PARTS]
+        linear = max(np.abs(q.mass @ q.velocity - p.mass @ p.velocity).max() / size for q in ends)
+        turned = tuple(float(np.abs(angular_momentum(q) - angular_momentum(p)).max() / (5 * size)) for q in ends)
+        results.append(Bound(f"momentum, 4 substeps, {backend}", float(linear), 1e-13))
+        results.append(Convergence(f"angular momentum, 4 substeps of 1 ms over n, {backend}", PARTS, turned, 3.0))
     return results
 
 
@@ -72,7 +78,10 @@ def measure_affine(full: bool) -> list[Result]:
 CONSERVATION = Case(
     "U2",
     "transfers conserve",
-    "500 particles of random mass, velocity and affine matrix, to the grid and back without forces",
+    "500 particles of random mass, velocity and affine matrix, to the grid and back without forces; with 4 substeps the stress "
+    "that their motion makes pushes them",
     measure_conservation,
+    "With several substeps particles that get velocities have moved on, but the affine matrix belongs to nodes that have not. "
+    "The angular momentum so lost in a transfer is of third order in its length.",
 )
 AFFINE = Case("U3", "affine field returns", "v = a + B x on 500 random particles, one step", measure_affine)

@@ -18,7 +18,7 @@ from runout.model.friction import FrictionZones
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
-from runout.studies.verification_cases.bodies import equal_steps, lattice, particles_at
+from runout.studies.verification_cases.bodies import advance, equal_steps, lattice, particles_at
 from runout.studies.verification_cases.closed_forms import GRAVITY, ZonesDownSlope
 from runout.studies.verification_cases.finding import Bound, Case, Result
 
@@ -109,12 +109,12 @@ class Crossing:
     def motion(self, engine: Backend | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Places [m] and speeds [m/s] of the centre of mass down the slope at the start and at :data:`LOOKS` times."""
         engine = engine or get_backend("scan", threads=1)
-        engine.load(self.scene(), self.particles())
+        scene = self.scene()
+        engine.load(scene, self.particles())
         found = [self._centre(engine)]
         for _ in range(LOOKS):
             steps, dt = equal_steps(self.time / LOOKS, 0.95 * engine.stable_step())
-            for _ in range(steps):
-                engine.step(dt)
+            advance(engine, scene, steps, dt)
             found.append(self._centre(engine))
         places, speeds = np.array(found).T
         return places, speeds
