@@ -301,8 +301,9 @@ class ScanBackend:
         parts = self.k, self.store, b, w, t
         gradients = self.gradients.take_rates(*parts) if self.gradients else without_gradients(self.scene.dtype)
         last = self.k.grid_to_particles if substeps == 1 else self.k.last_to_particles
+        columns = w.columns if self.scene.basal.law.drags_column else ()
         speed2, step, lost, refused, self.totals.moved = last(
-            self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, w.columns, w.moves,
+            self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, columns, w.moves,
             t.domain, t.step, gradients, self.workers.buffers,
         )  # fmt: skip
         if refused > 0:

@@ -68,7 +68,7 @@ def _weighted_mean(ready, w, rows):
     return first_group(s) + second_group(s)
 
 
-def _meet_grid(contacts, ready, nodes, plan, plan_area, row, n):
+def _meet_grid(contacts, ready, nodes, plan, columns, row, n):
     """Compliance and velocity that the grid would give to each contact of a block; ``ready`` are the weights of the first.
 
     Where the law uses it, the ground area of the contact from the ``plan`` of the block too.
@@ -81,7 +81,7 @@ def _meet_grid(contacts, ready, nodes, plan, plan_area, row, n):
         store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), around))
         if USES_AREA:
             upward = measured[r >> np.uint64(4), NORMAL + 2, r & np.uint64(15)]
-            given[r, 0] = _area(plan, cell, ready, _place_of(r), plan_area, upward)
+            given[r, 0] = _area(plan, cell, ready, _place_of(r), columns.plan_area, upward)
 
 
 def _basal(number, table):
@@ -166,7 +166,7 @@ def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
             _load_nodes(nodes, grid, up, b, pressed[b])
             if USES_AREA:
                 _load_plan(plan, columns, up, b)
-            _meet_grid(contacts, ready, nodes, plan, columns.plan_area, contacts.place[b], touching[b])
+            _meet_grid(contacts, ready, nodes, plan, columns, contacts.place[b], touching[b])
     t = local_columns(rows)
     begun = local_columns(rows)
     for g in range(row >> 4, (row + count + 15) >> 4):

@@ -37,7 +37,7 @@ class Workspace:
         See :mod:`runout.backends.scan.groups`.
     sums, total : (nown, 7), (7,)
         What :mod:`runout.backends.scan.observe` adds up, by block and in all.
-    columns : NodeColumns
+    columns : NodeColumns or ()
     """
 
     schedule: Schedule
@@ -49,7 +49,7 @@ class Workspace:
     sleep: Sleep
     sums: np.ndarray
     total: np.ndarray
-    columns: NodeColumns
+    columns: NodeColumns | tuple[()]
 
     @classmethod
     def of(cls, blocks: Blocks, schedule: Schedule, scene: Scene, domain: Domain, former: Contacts | None = None) -> "Workspace":
@@ -102,7 +102,8 @@ class Workspace:
 
     def memory(self, blocks: Blocks) -> dict[str, int]:
         """Bytes by array, with those of the index."""
-        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep, self.columns]
+        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep]
+        parts += [self.columns] if self.columns else []
         rest = {"sums": self.sums, "total": self.total, **vars(self.schedule)}
         return bytes_of(blocks, *parts, **rest)
 
