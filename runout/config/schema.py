@@ -184,10 +184,8 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
 
 
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """Conflicts of device and sleep_speed with the backend."""
+    """Conflicts of device with the backend."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
-    if given.get("sleep_speed", 0.0) and backend != "scan":
-        yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which lacks it", "set it to 0, or backend: scan"
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
 
@@ -283,12 +281,7 @@ class SimulationSettings(Settings):
     )
     flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
-    sleep_speed: float = limited(
-        "sleep_speed", "blocks slower than this rest until something moves beside them (scan only, not at structures); 0: off", 0.0
-    )
-    substeps: int = limited(
-        "substeps", "most substeps of a transfer between particles and grid (with mls, without f_bar and sleep_speed)", 1
-    )
+    substeps: int = limited("substeps", "most substeps of a transfer between particles and grid (with mls, without f_bar)", 1)
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"
     )

@@ -28,8 +28,6 @@ class Scheme:
         That fraction, 0 to 1; for "aflip" only.
     f_bar : bool
         Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
-    sleep_speed : float
-        Blocks slower than this [m/s] rest until something moves beside them; 0 switches it off; "scan" only.
     substeps : int
         Most substeps of a transfer between particles and grid, 1 to 64 (:mod:`runout.physics.substeps`).
 
@@ -44,7 +42,6 @@ class Scheme:
     transfer: str = "mls"
     flip_ratio: float = 0.95
     f_bar: bool = False
-    sleep_speed: float = 0.0
     substeps: int = 1
 
     def __post_init__(self) -> None:
@@ -57,14 +54,11 @@ class Scheme:
         if self.transfer not in TRANSFERS:
             raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
         checked("flip_ratio", self.flip_ratio, error=ConfigError)
-        checked("sleep_speed", self.sleep_speed, error=ConfigError)
-        if self.sleep_speed and (self.f_bar or not self.packed):
-            raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
         checked("substeps", self.substeps, error=ConfigError)
         if not isinstance(self.substeps, Integral):
             raise ConfigError(f"substeps is {self.substeps!r}; it must be a whole number")
-        if self.substeps > 1 and (self.f_bar or self.sleep_speed or not self.packed):
-            also = "it works with transfer mls, without f_bar and sleep_speed; leave these out, or substeps"
+        if self.substeps > 1 and (self.f_bar or not self.packed):
+            also = "it works with transfer mls, without f_bar; leave these out, or substeps"
             raise ConfigError(f"substeps is {self.substeps}; {also}")
 
     @classmethod

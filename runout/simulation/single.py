@@ -46,7 +46,6 @@ def simulate(
     transfer: str = "mls",
     flip_ratio: float = 0.95,
     f_bar: bool = False,
-    sleep_speed: float = 0.0,
     substeps: int = 1,
     initial_stress: str = "at_rest",
     accuracy: str | None = None,
@@ -102,13 +101,9 @@ def simulate(
         Fraction, 0 to 1, that a particle keeps of the velocity that the grid does not represent ("aflip"); 0 is "apic".
     f_bar : bool
         Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
-    sleep_speed : float
-        Blocks slower than this [m/s] rest until something moves beside them, on the backend "scan"; 0, the default, switches it
-        off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``. Mass beside structures
-        stays awake.
     substeps : int
         Most substeps of a transfer between particles and grid, 1 to 64: forces and contacts are taken anew in each, the transfer,
-        which damps, is made once (:mod:`runout.physics.substeps`). With "mls" only, without ``f_bar`` and ``sleep_speed``.
+        which damps, is made once (:mod:`runout.physics.substeps`). With "mls" only, without ``f_bar``.
     initial_stress : str
         "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional
@@ -156,7 +151,7 @@ def simulate(
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
     numerics = Numerics(
         **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, transfer=transfer, flip_ratio=flip_ratio,
-        f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, initial_stress=initial_stress,
+        f_bar=f_bar, substeps=substeps, initial_stress=initial_stress,
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:

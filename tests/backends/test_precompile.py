@@ -165,13 +165,13 @@ def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
 
     def compiled(a_scene, sources):
         assert a_scene.precision == "float32"
-        assert a_scene.sleep_speed == 0.1
+        assert a_scene.substeps == 4
         begun.set()
         assert go_on.wait(10.0)
 
     monkeypatch.setattr(ahead, "ensure_compiled", compiled)
     friction = scene(materials=(SAND,)).basal.law.example
-    found = ahead.CompilingAhead((SAND,), friction, {"precision": "float32", "sleep_speed": 0.1}, zones=False)
+    found = ahead.CompilingAhead((SAND,), friction, {"precision": "float32", "substeps": 4}, zones=False)
     assert begun.wait(10.0)
     assert found.is_running
 

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HARD, SAND, STATE, box, engine_of, loaded, plane, scene, total_energy
+from scenes import HARD, STATE, box, engine_of, loaded, plane, scene, total_energy
 from test_other_transfers import sandy
-from test_sleep import bed
-from test_sleep import run as rested
 
 from runout.backends.state import part
 from runout.errors import ConfigError
@@ -84,20 +82,6 @@ def test_a_run_goes_on_over_unknown_ground_as_if_it_had_not_been_broken_off(back
     again, row_again = after(backend, 60)
     np.testing.assert_array_equal(again.velocity, whole.velocity)
     assert row_again.escaped_mass == row.escaped_mass > 0
-
-
-def test_blocks_beside_unknown_ground_may_sleep_and_lose_nothing():
-    """A hole under a bed of clay: what stands over it goes at once, its walls stand, and the rest falls asleep."""
-    s, p = bed()
-    unknown = np.zeros((40, 30), bool)
-    unknown[10:12, 5:7] = True
-    engine = rested(replace(s, unknown=unknown), p, 400)
-    row = engine.ledger()
-    assert engine.totals.sleepers > 0
-    assert row.escaped_mass >= 2 * 2 * 2 * 2.5 * 2 * SAND.density
-    assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-12)
-    x, y, _ = engine.particles().position(np.array(UNIT)).T
-    assert replace(s, unknown=unknown).holds(x, y).all()
 
 
 def test_scenes_of_a_batch_have_each_their_own_unknown_cells():

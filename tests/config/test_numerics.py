@@ -35,7 +35,7 @@ def test_every_choice_is_a_setting_with_the_same_default_but_the_seed_which_each
     ("name", "stated", "value"),
     [
         ("transfer", "transfer: apic", "apic"), ("precision", "precision: float64", "float64"), ("cfl", "cfl: 0.4", 0.4),
-        ("substeps", "substeps: 4", 4), ("sleep_speed", "sleep_speed: 0.1", 0.1), ("f_bar", "f_bar: true", True),
+        ("substeps", "substeps: 4", 4), ("f_bar", "f_bar: true", True),
         ("initial_stress", "initial_stress: none", "none"), ("flip_ratio", "flip_ratio: 0.5", 0.5),
         ("particles_per_cell", "particles_per_cell: [2, 2, 2]", (2, 2, 2)),
     ],
@@ -57,8 +57,7 @@ def test_the_scene_takes_the_scheme():
         ({"cfl": 0.7}, "cfl is 0.7; an isolated particle is unstable above 0.6, use 0.6"),
         ({"precision": "half"}, "precision is 'half'; choose float32 or float64"),
         ({"transfer": "flip"}, "transfer is 'flip'; choose one of mls, apic, aflip"),
-        ({"sleep_speed": 0.1, "f_bar": True}, "sleep_speed works with transfer mls without f_bar; leave it out, or choose these"),
-        ({"substeps": 2, "transfer": "apic"}, "substeps is 2; it works with transfer mls, without f_bar and sleep_speed"),
+        ({"substeps": 2, "transfer": "apic"}, "substeps is 2; it works with transfer mls, without f_bar"),
     ],
 )
 def test_choices_that_cannot_be_are_refused_with_their_remedy(choices, message):

@@ -92,7 +92,7 @@ def test_all_problems_are_listed_at_once_in_the_order_of_the_file(edited):
         ("end_time: 30", "end_time: 30\n  cfl: 0.9", 18, "0.9 is out of range; it must be above 0 and at most 0.6; 0.6 is usual"),
         ("end_time: 30", "end_time: 30\n  device: cuda:0", 18, "runs on the CPU only"),
         ("end_time: 30", "end_time: 30\n  transfer: pic", 18, "'pic' is not known; did you mean 'apic'?"),
-        ("end_time: 30", "end_time: 30\n  backend: hash\n  sleep_speed: 0.1", 19, "set it to 0, or backend: scan"),
+        ("end_time: 30", "end_time: 30\n  sleep_speed: 0.1", 18, "unknown key; it was taken away; remove the key; masses at"),
         ("end_time: 30", "end_time: 30\n  particles_per_cell: 0", 18, "0 is out of range; it must be at least 1"),
         ("members: 4", "members: 0", 19, "0 is out of range; it must be at least 1"),
         ("name: slope", "name: a slope", 1, "letters, digits, - and _"),

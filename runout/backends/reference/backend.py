@@ -18,7 +18,7 @@ from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.reference.structures import StructureContacts
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.errors import ConfigError, StabilityError
+from runout.errors import StabilityError
 from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.laws import Law
 from runout.model.particle_source import ParticleSource, gathered
@@ -75,8 +75,6 @@ class ReferenceBackend:
 
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Load a scene and its particles; sums and counters start at zero."""
-        if scene.sleep_speed:
-            raise ConfigError("sleep_speed works on scan, not on reference; set backend to scan, or leave it out")
         given = gathered(particles)
         require_index_range(given.node, scene.spacing)
         self.counters, self.scene = Counters(), scene

@@ -2,7 +2,7 @@
 
 A step calls one phase after the other; the parts hold what the phases share.
 
-    index -> particles to grid (with contact detection) -> contact solution -> grid to particles -> sort -> sleep
+    index -> particles to grid (with contact detection) -> contact solution -> grid to particles -> sort
                                     for further substeps:  substep -> contact solution -> ...
 
     store      particles by slot                 runout.backends.scan.state
@@ -23,7 +23,7 @@ import numpy as np
 
 from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
-from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
+from runout.backends.scan import checkpoint, grid, grid_to_particles
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
 from runout.backends.scan.index import Index
@@ -121,15 +121,12 @@ class ScanBackend:
         self.k.mark_slots(self.store.particles, self.index.blocks)
 
     def _rebuild(self, old: Index, former: Workspace | None = None) -> None:
-        """Find the blocks anew. Particles keep their slots, and blocks that sleep in the ``former`` arrays sleep on."""
+        """Find the blocks anew. Particles keep their slots, and contacts the room that they had in the ``former`` arrays."""
         self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         self.k.hand_over_slots(old.blocks, numbers, self.index.blocks)
         if any(self.period):
             self.index.join_ends(self.period)
         self._make_workspace(former)
-        if former is not None and self.scene.sleep_speed:
-            sleep.carry_over(former.sleep, old.blocks.held, numbers, self.workspace.sleep)
-            self.k.share_work(self.index.blocks, self.workspace.sleep)
 
     def _close_gaps(self) -> None:
         """Close the gaps between the slots of blocks; make more slots if that gains few."""
@@ -193,14 +190,9 @@ class ScanBackend:
         clock("contact")
         for substep in range(1, substeps):
             self._substep(first=substep == 1, clock=clock)
-        if self.scene.sleep_speed:
-            sleep.hold_sleepers(self.k, dt, s, self.index.blocks, self.workspace, self.tables, self.totals)
         self._to_particles(dt, substeps)
         clock("g2p")
         self._sort()
-        if self.scene.sleep_speed:
-            parts = s, self.index.blocks, self.workspace, self.tables, self.totals
-            sleep.after_step(self.k, self.scene.sleep_speed, *parts, self.structures)
         clock("sort")
 
     def pass_part(self, part: str, dt: float) -> None:
@@ -299,7 +291,7 @@ class ScanBackend:
         gradients = self.gradients.take_rates(*parts) if self.gradients else without_gradients(self.scene.dtype)
         last = self.k.grid_to_particles if substeps == 1 else self.k.last_to_particles
         speed2, step, lost, refused, self.totals.moved = last(
-            self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, w.columns, w.moves,
+            self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, w.columns, w.moves,
             t.domain, t.step, gradients, self.workers.buffers,
         )  # fmt: skip
         if refused > 0:
@@ -345,7 +337,7 @@ class ScanBackend:
         """The state between two steps; its arrays change with the next one."""
         index = self.index
         parts = checkpoint.Saved(self.tables, self.store, index.blocks, index.travelled, self.totals, self.counters)
-        state = checkpoint.save(parts, self.workspace.sleep if self.scene.sleep_speed else None)
+        state = checkpoint.save(parts)
         return state | (self.structures.checkpoint("structures.") if self.structures else {})
 
     def restore(self, scene: Scene, state: State) -> None:
@@ -360,9 +352,6 @@ class ScanBackend:
             put_arrays(self.structures, state, "structures.")
         self.workers.divide(len(self.store.particles.label))
         self._make_workspace()
-        if scene.sleep_speed:
-            checkpoint.restore_sleep(self.workspace.sleep, state)
-            self.k.share_work(self.index.blocks, self.workspace.sleep)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""

@@ -258,9 +258,9 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
         row = _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row)
 
 
-def _fill_strip(particles, blocks, giving, arenas, contacts, ground, reach, h, thread, low, end, nown):
+def _fill_strip(particles, blocks, arenas, contacts, ground, reach, h, thread, low, end, nown):
     """Fill the arenas of the owners ``low`` to ``end``; returns the number of candidates, and of the owners that have any."""
-    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    rec, order, starts, first, held = particles.rec, particles.order, blocks.starts, blocks.first, blocks.held
     reached, number, bounds, planes = arenas.reached, arenas.number, ground.bounds, ground.planes
     candidates = contacts.candidates
     total = 0
@@ -268,14 +268,14 @@ def _fill_strip(particles, blocks, giving, arenas, contacts, ground, reach, h, t
     for b in range(low, end):
         candidates[b] = contacts.touching[b] = 0
         reached[b] = contacts.pressed[b] = 0
-        if giving[b] > 0:
+        if held[b] > 0:
             cut = reach / (bounds[b, 1] * h[2])
             near = real(0.5) - bounds[b, 0] <= cut
             if near:
-                _call_up(ground.tiles, planes, particles.cell, b, first[b], giving[b])
+                _call_up(ground.tiles, planes, particles.cell, b, first[b], held[b])
             reached[b] = _reached_parts(starts, b)
             number[b] = _take_arena(arenas.cursors, thread, arenas.free)
-            _expect_next(rec, order, starts, first, giving, bounds, b, nown)
+            _expect_next(rec, order, starts, first, held, bounds, b, nown)
             a = ARENA * np.int64(number[b])
             n = _fill_arena(rec, order, starts, first, b, reached[b], arenas.values, a, near, planes, cut, particles.listed)
             candidates[b] = n
@@ -320,9 +320,7 @@ def _share_strip(contacts, begins, arenas, row, share, low, end):
     return row, share
 
 
-def particles_to_nodes_over_ground(
-    particles, blocks, schedule, giving, arenas, contacts, ground, grid, columns, constants, search, dt
-):  # fmt: skip
+def particles_to_nodes_over_ground(particles, blocks, schedule, arenas, contacts, ground, grid, columns, constants, search, dt):
     """Fill the arenas, find the particles that touch the ground, and sum the nodes that are due.
 
     Each strip of owners is searched for contacts while it is in the cache. Fills the ``contacts`` but for the velocities that
@@ -339,7 +337,7 @@ def particles_to_nodes_over_ground(
             low = STRIP * s
             end = min(low + STRIP, schedule.nown)
             total, owners = _fill_strip(
-                particles, blocks, giving, arenas, contacts, ground, search.reach, constants.h, thread, low, end, schedule.nown
+                particles, blocks, arenas, contacts, ground, search.reach, constants.h, thread, low, end, schedule.nown
             )
             row, share, fits = _keep_room(cursors, thread, total, owners, rows, places)
             if total > 0 and fits:
@@ -351,7 +349,7 @@ def particles_to_nodes_over_ground(
                 cursors[thread, SHARED] = next_share - thread * places
             for k in range(schedule.due[s], schedule.due[s + 1]):
                 _update_block_over_ground(arenas, contacts, grid, columns, blocks.down, np.int64(schedule.nodes[k]), constants.dv)
-            _leave_arenas(schedule, arenas, thread, s, giving, arenas.number)
+            _leave_arenas(schedule, arenas, thread, s, blocks.held, arenas.number)
     total = 0
     for t in range(len(cursors)):
         total += cursors[t, TOUCH]

@@ -61,7 +61,7 @@ class GradientTransfer:
         if self.scene.keeps:
             if self.given.shape != w.grid.nodes.shape:
                 self.given = np.zeros_like(w.grid.nodes)
-            k.particles_to_nodes(particles, blocks, w.schedule.late, w.sleep.giving, w.arenas, self.given, self.still)
+            k.particles_to_nodes(particles, blocks, w.schedule.late, w.arenas, self.given, self.still)
             if self.scene.surface is not None:
                 k.begin_contacts(w.contacts, blocks.nown, w.arenas.number, w.arenas.values)
         k.add_forces(particles, blocks, tables.moduli, self._cells(tables), w.arenas, buffer)

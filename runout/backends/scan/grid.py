@@ -31,8 +31,8 @@ def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace,
     """Mass and velocity of the nodes; ``after`` is called between the particles and the nodes that wait for all threads."""
 
     def run(schedule: Pass) -> int:
-        giving, nodes = workspace.sleep.giving, workspace.grid.nodes
-        return int(k.particles_to_nodes(store.particles, blocks, schedule, giving, workspace.arenas, nodes, tables.constants.dv))
+        w = workspace
+        return int(k.particles_to_nodes(store.particles, blocks, schedule, w.arenas, w.grid.nodes, tables.constants.dv))
 
     while (wanted := run(workspace.schedule.early)) > workspace.arenas.free.shape[1]:
         workspace.make_arenas(wanted)
@@ -60,7 +60,7 @@ def fill_over_ground(
     def run(schedule: Pass) -> Any:
         w = workspace
         return k.particles_to_nodes_over_ground(
-            store.particles, blocks, schedule, w.sleep.giving, w.arenas, w.contacts, w.ground, w.grid, w.columns,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.ground, w.grid, w.columns,
             tables.constants, search, tables.step.dt,
         )  # fmt: skip
 
@@ -116,8 +116,8 @@ def push(
     w = workspace
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, w.grid, w.sleep.asleep,
-            tables.step.dt, stamp, w.total,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, w.grid, tables.step.dt,
+            stamp, w.total,
         )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])
     totals.basal_impulse += w.total[1:4]

@@ -320,22 +320,23 @@ def _gather_again(particles, f, count, nodes, records, k):
             store(rec, p * np.uint64(16), heads_and_tails(before, before + seen))
 
 
-def _expect_list(order, particle_index, first, moving, b, end):
-    """Prefetch the list and the labels of the next block before ``end`` that moves."""
-    later = _next_filled(moving, b, end)
-    if later < end:
-        for t in range(0, moving[later] + 15, 16):
+def _expect_list(order, particle_index, blocks, b):
+    """Prefetch the list and the labels of the next block with particles."""
+    first, held = blocks.first, blocks.held
+    later = _next_filled(held, b, blocks.nown)
+    if later < blocks.nown:
+        for t in range(0, held[later] + 15, 16):
             prefetch(order, first[later] + t)
             prefetch(particle_index, first[later] + t)
 
 
-def _expect_next(rec, state, order, blocks, moving, b, nodes):
-    """Prefetch the nodes and the first particles of the next block that moves; its own loop prefetches the later ones."""
-    later = _next_filled(moving, b, blocks.nown)
+def _expect_next(rec, state, order, blocks, b, nodes):
+    """Prefetch the nodes and the first particles of the next block with particles; its own loop prefetches the later ones."""
+    first, held = blocks.first, blocks.held
+    later = _next_filled(held, b, blocks.nown)
     if later == blocks.nown:
         return
-    first = blocks.first
-    for t in range(first[later], first[later] + min(moving[later], AHEAD)):
+    for t in range(first[later], first[later] + min(held[later], AHEAD)):
         prefetch(rec, 16 * np.int64(order[t]))
         prefetch(state, 8 * np.int64(order[t]))
     _expect_nodes(nodes, blocks.up, later, EVERY)
@@ -360,7 +361,7 @@ def _total_motion(motion, changed, nown):
     return speed, move, lost, refused, moved
 
 
-def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, moves, domain, step, gradients, buffers):
+def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, domain, step, gradients, buffers):
     """One step of all particles; afterwards the particles of a block lie in the order of the cells in which they started.
 
     ``nodes`` (nall, 256) hold the new velocities, but for the changes of the ``columns``. Fills ``moves`` and lists the particles
@@ -381,17 +382,17 @@ def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, 
             leaving[b] = shifted[b] = changed[b] = 0
             for k in range(4):
                 motion[b, k] = 0.0
-            held = moving[b]
+            held = blocks.held[b]
             if held == 0:
                 continue
             _load_nodes(around, nodes, blocks.up, b, reached[b])
             if CHANGES:
                 _add_changes(around, columns, blocks.up, b, reached[b])
             f = blocks.first[b]
-            _expect_list(particles.order, particle_index, blocks.first, moving, b, blocks.nown)
+            _expect_list(particles.order, particle_index, blocks, b)
             if not SEVERAL:
                 _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
-            _expect_next(rec, state, particles.order, blocks, moving, b, nodes)
+            _expect_next(rec, state, particles.order, blocks, b, nodes)
             speed = move = lost = refused = zeros(rec)
             counts = np.int64(0), np.int64(0), np.int64(0)
             for k in range(0, held, TILE):

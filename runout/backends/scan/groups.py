@@ -270,27 +270,6 @@ class Moves(NamedTuple):
     motion: np.ndarray
 
 
-class Sleep(NamedTuple):
-    """Blocks that sleep. Where no block may sleep, the last four are ``held`` of the index or equal to it.
-
-    Attributes
-    ----------
-    asleep : (nown,) bool
-    calm : (nown,) int64
-        Steps in a row in which the block was slow.
-    falling : (nown,) int64
-        Particles of a block that falls asleep in this step; -1 for a block that wakes.
-    moving, giving : (nown,) int64
-        Particles that move, and that give to nodes.
-    """
-
-    asleep: np.ndarray
-    calm: np.ndarray
-    falling: np.ndarray
-    moving: np.ndarray
-    giving: np.ndarray
-
-
 class Constants(NamedTuple):
     """Constants of the run, whatever the law.
 

@@ -25,7 +25,6 @@ from runout.backends.scan import (
     precompile,
     raster_sums,
     records,
-    rest,
     slots,
     sort,
     stencil,
@@ -57,7 +56,6 @@ COMMON = (
     sort,
     observe,
     raster_sums,
-    rest,
     zones,
 )  # know no law
 # follow a law of friction

@@ -54,7 +54,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> Path | Non
 
 def variant(scene: Scene) -> str:
     """The variant of ``warm_up`` that a scene is, and what else it has that some kernels are for: no ground, zones, structures."""
-    kind = "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
+    kind = "gradient_transfer" if uses_gradient_transfer(scene) else "plain"
     more = {"free": scene.surface is None, "zones": scene.friction_zones, "structures": scene.structures}
     more["substeps"] = scene.substeps > 1
     return " ".join((kind, *(name for name, has in more.items() if has)))

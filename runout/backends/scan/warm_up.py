@@ -40,7 +40,6 @@ WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
 VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
     "plain": ({},),
     "gradient_transfer": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
-    "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0), "structures": None}),  # beside which nothing sleeps
 }
 
 
@@ -65,8 +64,6 @@ def warm_up() -> None:
     share(parts, folder)
     complete(parts, folder)
     for choices in variants:
-        if "sleep_speed" in choices:
-            particles.velocity[:] = 0.0
         _warm_up(replace(scene, **choices), particles, free="free" in kind)
 
 
