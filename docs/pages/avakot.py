@@ -39,21 +39,15 @@ without a grid, which land inelastically. *Rest*: what closes the energy budget.
   landing on rough ground. Finer cells lose more because their ground is rougher.
 - **The rest stands mainly for impact.** Loose mass carries no stress, so its impact is no plastic work. Velocities that differ
   within a cell become one in the transfers, as in a plastic impact. On the same ground the rest does not depend on the cells:
-  {rest_fine:.0f} and {rest_coarse:.0f} %.
-- **The transfer decides how fast they become one.** `aflip` keeps most of the difference in each step: the rest falls from
-  {rest:.0f} to {rest_aflip:.0f} % and the loss from {lost:.0f} to {lost_aflip:.0f} %. Which of the two is nearer to snow is not
-  known: no observation comes with the site."""
-ENERGY_HEADS = (
-    *("ground [m]", "cells [m]", "transfer", "points [%]", "runout [%]", "plastic [%]", "at the ground [%]", "rest [%]"),
-)
+  {rest_fine:.0f} and {rest_coarse:.0f} %."""
+ENERGY_HEADS = (*("ground [m]", "cells [m]", "points [%]", "runout [%]", "plastic [%]", "at the ground [%]", "rest [%]"),)
 
 
 def energy_rows(results: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of energies."""
     shares = ("points", "lost", "plastic", "basal", "numerical")
     return [
-        (f"{row['ground']:g}", f"{row['cell_size']:g}", row["transfer"], *(f"{100 * row[key]:.0f}" for key in shares))
-        for row in results["energy"]
+        (f"{row['ground']:g}", f"{row['cell_size']:g}", *(f"{100 * row[key]:.0f}" for key in shares)) for row in results["energy"]
     ]
 
 
@@ -102,20 +96,17 @@ def _studies(results: Mapping[str, Any]) -> dict[str, float]:
 
 def _energies(results: Mapping[str, Any]) -> dict[str, Any]:
     """Of the runs without friction at the base, in percent."""
-    rows = {(row["ground"], row["cell_size"], row["transfer"]): row for row in results["energy"]}
-    grounds = [rows[size, 5.0, "mls"] for size in (5.0, 10.0, 20.0)]
-    first, flip = grounds[0], rows[5.0, 5.0, "aflip"]
+    rows = {(row["ground"], row["cell_size"]): row for row in results["energy"]}
+    grounds = [rows[size, 5.0] for size in (5.0, 10.0, 20.0)]
 
     def listed(key: str) -> str:
         one, two, three = (f"{100 * row[key]:.0f}" for row in grounds)
         return f"{one}, {two} and {three} %"
 
     return {
-        "same_fine": 100 * rows[10.0, 5.0, "mls"]["lost"], "same_coarse": 100 * rows[10.0, 10.0, "mls"]["lost"],
+        "same_fine": 100 * rows[10.0, 5.0]["lost"], "same_coarse": 100 * rows[10.0, 10.0]["lost"],
         "grounds": listed("lost"), "points": listed("points"),
-        "rest_fine": 100 * rows[10.0, 5.0, "mls"]["numerical"], "rest_coarse": 100 * rows[10.0, 10.0, "mls"]["numerical"],
-        "rest": 100 * first["numerical"], "rest_aflip": 100 * flip["numerical"],
-        "lost": 100 * first["lost"], "lost_aflip": 100 * flip["lost"],
+        "rest_fine": 100 * rows[10.0, 5.0]["numerical"], "rest_coarse": 100 * rows[10.0, 10.0]["numerical"],
     }  # fmt: skip
 
 

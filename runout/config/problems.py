@@ -33,7 +33,10 @@ WANTED = {
     "finite_number": "a finite number",
 }
 BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+ONE_TRANSFER = "remove the key; use substeps: 4 for less damping"
 TAKEN_AWAY = {  # keys of earlier versions, and what to do
+    **dict.fromkeys(("transfer", "flip_ratio"), ONE_TRANSFER),
+    "f_bar": "remove the key",
     "sleep_speed": "remove the key; masses at rest end a run by stop_when_at_rest",
 }
 SHAPES = {"<text>": "text", "<list>": "a list", "<block>": "a block {key: value, ...}", "<number>": "a number"}

@@ -275,13 +275,7 @@ class SimulationSettings(Settings):
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
     threads: int | None = quantity("threads of each member on the CPU [default: cores over members at once]", None, ge=1)
     precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
-    transfer: Literal["mls", "apic", "aflip"] = quantity(
-        "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less)",
-        "mls",
-    )
-    flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
-    f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
-    substeps: int = limited("substeps", "most substeps of a transfer between particles and grid (with mls, without f_bar)", 1)
+    substeps: int = limited("substeps", "most substeps of a transfer between particles and grid", 1)
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"
     )

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import HARD, STATE, box, engine_of, loaded, plane, scene, total_energy
-from test_other_transfers import sandy
 
 from runout.backends.state import part
 from runout.errors import ConfigError
@@ -55,12 +54,9 @@ def test_mass_that_comes_into_unknown_ground_is_booked_as_escaped_and_nothing_el
     assert backend.columns().mass.sum() == pytest.approx(row.mass, rel=1e-12)
 
 
-@pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
 @pytest.mark.parametrize("sparse", ["scan", "hash"])
-def test_sparse_backends_take_out_the_same_particles_as_the_reference(sparse, way):
-    if way:  # two materials, as in all tests of the other transfers
-        way = {**way, "materials": (HARD, HARD), "friction": (0.2, 0.2)}
-    surface, s = slope(**way)
+def test_sparse_backends_take_out_the_same_particles_as_the_reference(sparse):
+    surface, s = slope()
     (a, row_a), (b, row_b) = (after(loaded(engine_of(name), s, body(surface)), 120) for name in ("reference", sparse))
     np.testing.assert_array_equal(b.identity, a.identity)
     for name in STATE:
@@ -105,4 +101,4 @@ def test_a_checkpoint_of_other_unknown_cells_is_not_taken_for_that_of_a_run():
 
 def test_unknown_cells_of_another_raster_are_refused():
     with pytest.raises(ConfigError, match=r"unknown cells have shape \(30, 40\)"):
-        replace(sandy(plane(), UNIT, (0.4, 0.25)), unknown=holes().T)
+        replace(scene(plane(), UNIT), unknown=holes().T)

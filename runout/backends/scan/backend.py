@@ -16,7 +16,6 @@ A step calls one phase after the other; the parts hold what the phases share.
 import math
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles
 from runout.backends.scan.constants import Tables
-from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
 from runout.backends.scan.index import Index
 from runout.backends.scan.kernels import entries_for, reads_nodes
 from runout.backends.scan.raster_sums import Summed
@@ -78,7 +76,6 @@ class ScanBackend:
         """Take over a scene and its particles."""
         nodes, speed = surveyed(particles)
         self.scene, self.k, self.counters = scene, entries_for(scene), Counters()
-        self.gradients = GradientTransfer(scene) if uses_gradient_transfer(scene) else None
         self.workers.divide(len(nodes))
         self.totals = Totals(speed)
         corner = node_range(nodes)[0] if len(nodes) else np.zeros(3, np.int64)
@@ -142,7 +139,7 @@ class ScanBackend:
     def _make_workspace(self, former: Workspace | None = None) -> None:
         """Arrays by block, after a rebuild."""
         b, k, ground, t = self.index.blocks, self.k, self.scene.ground, self.tables
-        schedule = Schedule.of(b, self.workers.threads, not self.gradients)
+        schedule = Schedule.of(b, self.workers.threads)
         contacts = former.contacts if former else None
         self.workspace = w = Workspace.of(b, schedule, self.scene, t.domain, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
@@ -230,20 +227,18 @@ class ScanBackend:
             for forces in (self.store.particles.force, *([self.structures.force] if self.structures else [])):
                 forces[:, 1:] *= self.scene.dtype(share)
         longer, c = self.tables.set_step(self.scene, dt), self.tables.constants
-        if self.scene.packed:
-            self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
+        self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
 
     def _to_grid(self, dt: float, substeps: int = 1) -> None:
         if dt != self.tables.packed_dt:
             self._change_step(dt)
         parts = self.k, self.store, self.index.blocks, self.workspace, self.tables
-        after = partial(self.gradients.push, *parts, self.workers.buffers.rec) if self.gradients else None
         if self.scene.surface is None:
-            grid.fill(*parts, after)
+            grid.fill(*parts)
         else:
             before = self.counters.steps - substeps
             search = grid.search_of(self.scene, self.store, self.totals.max_speed, dt, substeps, before)
-            self.totals.contact_particles = grid.fill_over_ground(*parts, search, after)
+            self.totals.contact_particles = grid.fill_over_ground(*parts, search)
 
     def _substep(self, first: bool, clock: Callable[[str], None] = lambda stage: None) -> None:
         """One substep on the present nodes, up to contacts: the ``first`` one after that of the transfer, or a later one."""
@@ -287,12 +282,10 @@ class ScanBackend:
 
     def _to_particles(self, dt: float, substeps: int = 1) -> None:
         b, w, t = self.index.blocks, self.workspace, self.tables
-        parts = self.k, self.store, b, w, t
-        gradients = self.gradients.take_rates(*parts) if self.gradients else without_gradients(self.scene.dtype)
         last = self.k.grid_to_particles if substeps == 1 else self.k.last_to_particles
         speed2, step, lost, refused, self.totals.moved = last(
             self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, w.columns, w.moves,
-            t.domain, t.step, gradients, self.workers.buffers,
+            t.domain, t.step, self.workers.buffers,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(
@@ -355,8 +348,7 @@ class ScanBackend:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
-        more = self.gradients.memory() if self.gradients else {}
-        more |= self.structures.memory() if self.structures else {}
+        more = self.structures.memory() if self.structures else {}
         return {**self.store.memory(), **self.workspace.memory(self.index.blocks), **self.workers.memory(), **more}
 
     def memory_bytes(self) -> int:

@@ -212,10 +212,10 @@ def _expect(contacts, row, total, share, owners):
         prefetch(contacts.shares, o)
 
 
-def _share_block(contacts, base, begins, arenas, a, ready, row, n):
+def _share_block(contacts, base, arenas, a, ready, row, n):
     """Sum the weights of the ``n`` contacts of a block at its nodes, in the share from ``base`` on; returns the parts they reach.
 
-    If contacts ``begin`` here, the impulses ``given`` are added to the momentum in the arena at place ``a``. The weights of the
+    The impulses ``given``, from which contacts start, are added to the momentum in the arena at place ``a``. The weights of the
     first contact are ``ready``; at the end, those of the row after the last.
     """
     shares, rows, given = contacts.shares, contacts.rows, contacts.given
@@ -234,8 +234,7 @@ def _share_block(contacts, base, begins, arenas, a, ready, row, n):
             for j in range(3):
                 s = o + i * PLANE_OF_SHARES + j * ROW_OF_SHARES
                 store(shares, s, load4(shares, s) + ready[w + np.uint64(8 + j)] * x)
-        if begins:
-            _add_weighted(arenas, a + _first_node(c), ready, w, load4(given, r * np.uint64(4)))
+        _add_weighted(arenas, a + _first_node(c), ready, w, load4(given, r * np.uint64(4)))
     return _parts_of(octants)
 
 
@@ -304,7 +303,7 @@ def _keep_room(cursors, thread, total, owners, rows, places):
     return row + thread * rows, share + thread * places, fits
 
 
-def _share_strip(contacts, begins, arenas, row, share, low, end):
+def _share_strip(contacts, arenas, row, share, low, end):
     """Sum the weights of the contacts of a strip at the nodes, and add their impulses; returns the next free row and share."""
     rows, touching = contacts.rows, contacts.touching
     ready = local_weights(rows)
@@ -314,7 +313,7 @@ def _share_strip(contacts, begins, arenas, row, share, low, end):
         if touching[b] > 0:
             contacts.sharer[b] = share
             a = ARENA * np.int64(arenas.number[b])
-            contacts.pressed[b] = _share_block(contacts, SHARES * share, begins, arenas.values, a, ready, row, touching[b])
+            contacts.pressed[b] = _share_block(contacts, SHARES * share, arenas.values, a, ready, row, touching[b])
             row += touching[b]
             share += 1
     return row, share
@@ -343,7 +342,7 @@ def particles_to_nodes_over_ground(particles, blocks, schedule, arenas, contacts
             if total > 0 and fits:
                 _expect(contacts, row, total, share, owners)
                 _measure_strip(particles, blocks.first, contacts, ground.tiles, constants, search, dt, low, total, row)
-                next_row, next_share = _share_strip(contacts, search.begins, arenas, row, share, low, end)
+                next_row, next_share = _share_strip(contacts, arenas, row, share, low, end)
                 cursors[thread, TOUCH] += next_row - row
                 cursors[thread, ROWS] = ((next_row + 15) & ~15) - thread * rows
                 cursors[thread, SHARED] = next_share - thread * places
@@ -354,16 +353,3 @@ def particles_to_nodes_over_ground(particles, blocks, schedule, arenas, contacts
     for t in range(len(cursors)):
         total += cursors[t, TOUCH]
     return _most_of(cursors, TAKEN), _most_of(cursors, ROWS), _most_of(cursors, SHARED), total
-
-
-def begin_contacts(contacts, nown, number, arenas):
-    """Add the impulses from which contacts start to the momentum in the arenas of their blocks."""
-    rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
-    for b in prange(nown):
-        if touching[b] > 0:
-            row = np.uint64(place[b])
-            ready = local_weights(rows)
-            for r in range(row, row + np.uint64(touching[b])):
-                _weigh_four(rows, r * np.uint64(4), ready, np.uint64(0))
-                a = ARENA * np.int64(number[b]) + _first_node(np.int64(rows[r, 0]))
-                _add_weighted(arenas, a, ready, np.uint64(0), load4(given, r * np.uint64(4)))

@@ -2,7 +2,7 @@
 
 The order of the calls is
 
-    particles_to_nodes              early pass: owners and nodes        then gradient transfers add forces
+    particles_to_nodes              early pass: owners and nodes
     particles_to_nodes_over_ground  late pass: nodes that two threads share
     solve_contacts                  early pass, late pass
     substep, solve_contacts         early pass, late pass of each, for every further substep
@@ -27,8 +27,8 @@ from runout.physics import contact as contact_law
 SPARE = 16  # blocks that may get contacts before more memory is made
 
 
-def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, after: Any = None) -> None:
-    """Mass and velocity of the nodes; ``after`` is called between the particles and the nodes that wait for all threads."""
+def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables) -> None:
+    """Mass and velocity of the nodes."""
 
     def run(schedule: Pass) -> int:
         w = workspace
@@ -36,8 +36,6 @@ def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace,
 
     while (wanted := run(workspace.schedule.early)) > workspace.arenas.free.shape[1]:
         workspace.make_arenas(wanted)
-    if after:
-        after()
     if workspace.schedule.waits:
         run(workspace.schedule.late)
 
@@ -49,11 +47,11 @@ def search_of(scene: Scene, store: Store, max_speed: float, dt: float, substeps:
     real, fastest = scene.dtype, math.inf
     if scene.basal.law.uses_area:
         fastest = contact_law.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
-    return ContactSearch(real(reach), real(band), real(stamp_of(before)), real(fastest), not scene.keeps, real(lasting))
+    return ContactSearch(real(reach), real(band), real(stamp_of(before)), real(fastest), real(lasting))
 
 
 def fill_over_ground(
-    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, search: ContactSearch, after: Any = None
+    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, search: ContactSearch
 ) -> int:
     """The same over a ground; finds the particles that touch it, and returns their number."""
 
@@ -66,8 +64,6 @@ def fill_over_ground(
 
     while _lacks_memory(workspace, *(found := run(workspace.schedule.early))[:3]):
         pass
-    if after:
-        after()
     if workspace.schedule.waits:
         run(workspace.schedule.late)
     return int(found[3])

@@ -190,8 +190,8 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     q = _move_contacts(contacts, listed, b, f, q, k + count, records, dt)
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
-                    _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells, dt, dt)
-                    _follow_all_large(t, records, state, k, particles, f + k, groups, mats, s4, cells, dt, dt)
+                    _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells)
+                    _follow_all_large(t, records, state, k, particles, f + k, groups, mats, s4, cells)
                     _store_tile(t, records, k, state, f + k, groups)
                     for g in range(groups):
                         lost = lost + load16(t, LOST * TILE + 16 * g)

@@ -22,18 +22,16 @@ DENSITY, FRICTION_ANGLE = 200.0, 30.0  # [kg/m3], internal [deg]
 
 @dataclass(frozen=True)
 class Choice:
-    """Size [m] of the cells over which the ground is averaged, cells [m] of the run, particles per cell and transfer."""
+    """Size [m] of the cells over which the ground is averaged, cells [m] of the run, and particles per cell."""
 
     ground: float
     cell_size: float
     particles_per_cell: tuple[int, int, int]
-    transfer: str = "mls"
 
 
 FINE, COARSE = (2, 2, 14), (2, 2, 28)  # particles per cell of 5 m and 10 m: the same layers
 CHOICES = (
     Choice(5.0, 5.0, FINE),
-    Choice(5.0, 5.0, FINE, "aflip"),
     Choice(10.0, 5.0, FINE),
     Choice(10.0, 10.0, COARSE),
     Choice(20.0, 5.0, FINE),
@@ -48,14 +46,13 @@ def measure_energy(terrain: runout.Terrain, release: Any, choices: Sequence[Choi
 def _lost(chosen: Choice, terrain: runout.Terrain, release: Any) -> dict[str, Any]:
     ground = averaged(terrain, chosen.ground) if chosen.ground > terrain.cell_size[0] else terrain
     mass, snow = release(ground), runout.DruckerPrager(density=DENSITY, friction_angle=FRICTION_ANGLE)
-    grid = {"cell_size": chosen.cell_size, "particles_per_cell": chosen.particles_per_cell, "transfer": chosen.transfer}
+    grid = {"cell_size": chosen.cell_size, "particles_per_cell": chosen.particles_per_cell}
     result = runout.simulate(ground, mass, snow, basal_friction_angle=0.0, **grid, end_time=END, stop=False, threads=1)  # type: ignore[arg-type]
     energy = {name: float(series[-1] - series[0]) for name, series in result.ledger.items() if series.ndim == 1}
     freed = -energy["potential_energy"]
     return {
         "ground": chosen.ground,
         "cell_size": chosen.cell_size,
-        "transfer": chosen.transfer,
         "points": Points.on(mass).slide(END).lost,
         "lost": 1.0 - energy["kinetic_energy"] / freed,
         **{name: energy[f"{name}_dissipation"] / freed for name in ("plastic", "basal", "numerical")},
