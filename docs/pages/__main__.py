@@ -20,7 +20,6 @@ from docs.pages import (
     skip,
     stress,
     substeps,
-    transfers,
     verification,
     work_precision,
 )
@@ -48,7 +47,6 @@ PAGES: dict[str, tuple[str, Page]] = {  # by record: the folder below docs, and 
     "whole_commands": ("benchmarks", commands.page),
     "skip": ("benchmarks", skip.page),
     "substeps": ("benchmarks", substeps.page),
-    "transfers": ("benchmarks", transfers.page),
     **{f"validation_{name}": ("validation", page) for name, page in VALIDATION.items()},
 }
 

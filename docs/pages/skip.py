@@ -24,8 +24,7 @@ round: what a structure costs that nothing reaches. Without structures none of t
 
 Scenes: site jacksboro on the backend scan, {particles:,} particles, cells of {cell:g} m, a raster of {rows} x
 {columns} cells; {flowing[1]:g} s with a basal friction angle of {flowing[0]:g} deg, or {resting[1]:g} s with
-{resting[0]:g} deg (stop rule; *creeping*: without it). *Bed*: {bed:,} particles, a slab that slides onto a bed at
-rest, 30 s.
+{resting[0]:g} deg (stop rule).
 
 ## Checkpoints
 
@@ -58,7 +57,7 @@ def page(found: Mapping[str, Any]) -> StudyPage:
         flowing=FLOWING,
         resting=RESTING,
         every=EVERY,
-        **{name: scene[name] for name in ("particles", "bed")},
+        particles=scene["particles"],
         **{name: found[name] for name in ("checkpoint", "version")},
         commit=found.get("commit") or "not recorded",
         **found["machine"],

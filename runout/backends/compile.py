@@ -41,12 +41,11 @@ from runout.physics import (
     substeps,
     tensors,
     timestep,
-    transfers,
 )
 from runout.processes.caches import compiled_code
 
 PHYSICS = (
-    *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
+    *(tensors, bspline, moments, heightfield, elastic, plastic),
     *(geostatic, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns),
 )
 _SETTING = threading.RLock()  # of the folder in which numba caches

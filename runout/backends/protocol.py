@@ -303,25 +303,23 @@ def get_backend(
 
 
 def bytes_on_host(
-    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False,
-    friction: BasalFriction | FrictionLaw | None = None,
-) -> int:  # fmt: skip
+    particles: int, held: int, owners: int, nodes: int, precision: str, friction: BasalFriction | FrictionLaw | None = None
+) -> int:
     """Memory [byte] that the scan backend takes (see :func:`runout.backends.scan.forecast.bytes_needed`)."""
     forecast = import_module("runout.backends.scan.forecast")
-    return forecast.bytes_needed(particles, held, owners, nodes, precision, transfer, f_bar, friction)  # type: ignore[no-any-return]
+    return forecast.bytes_needed(particles, held, owners, nodes, precision, friction)  # type: ignore[no-any-return]
 
 
 def bytes_on_device(
-    particles: int, blocks: int, precision: str, transfer: str = "mls", f_bar: bool = False,
-    structures: StructureField | None = None, friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1,
-    substeps: int = 1,
+    particles: int, blocks: int, precision: str, structures: StructureField | None = None,
+    friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1, substeps: int = 1,
 ) -> int:  # fmt: skip
     """Memory [byte] that the hash backend takes for so many particles and blocks of nodes.
 
     ``mixed``: releases whose frictions differ, 1 if all are alike. ``substeps``: most of a transfer.
     """
     needed = import_module("runout.backends.hash.backend").bytes_needed
-    has = {"transfer": transfer, "f_bar": f_bar, "structures": structures, "friction": friction, "mixed": mixed}
+    has = {"structures": structures, "friction": friction, "mixed": mixed}
     return needed(particles, blocks, precision, substeps=substeps, **has)  # type: ignore[no-any-return]
 
 

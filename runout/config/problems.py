@@ -12,7 +12,7 @@ from runout.config.friction import BLOCK, KEY, PREFIX, own_model, stated_law
 from runout.config.law_block import LawSettings
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
 from runout.config.remote import RemoteFile
-from runout.config.schema import SiteSettings
+from runout.config.schema import SimulationSettings, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 from runout.model.parameters import AUTO
@@ -33,6 +33,12 @@ WANTED = {
     "finite_number": "a finite number",
 }
 BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+ONE_TRANSFER = "remove the key; use substeps: 4 for less damping"
+TAKEN_AWAY = {  # keys of earlier versions, and what to do
+    **dict.fromkeys(("transfer", "flip_ratio"), ONE_TRANSFER),
+    "f_bar": "remove the key",
+    "sleep_speed": "remove the key; masses at rest end a run by stop_when_at_rest",
+}
 SHAPES = {"<text>": "text", "<list>": "a list", "<block>": "a block {key: value, ...}", "<number>": "a number"}
 
 
@@ -105,6 +111,8 @@ def _missing_fix(field: FieldInfo | None) -> str:
 
 def _unknown_fix(location: Location, model: type[BaseModel], document: Document) -> str:
     word, fields = str(location[-1]), _possible(location, model, document)
+    if model is SimulationSettings and word in TAKEN_AWAY:
+        return f"it was taken away; {TAKEN_AWAY[word]}"
     long = word.removeprefix(f"{KEY}_")  # also with the name of the block before it
     near = next((key for key in fields if {PREFIX + word, PREFIX + long, word.removeprefix(PREFIX)} & {key}), None)
     near = near or nearest(word, fields)

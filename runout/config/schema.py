@@ -184,10 +184,8 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
 
 
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """Conflicts of device and sleep_speed with the backend."""
+    """Conflicts of device with the backend."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
-    if given.get("sleep_speed", 0.0) and backend != "scan":
-        yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which lacks it", "set it to 0, or backend: scan"
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
 
@@ -277,18 +275,7 @@ class SimulationSettings(Settings):
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
     threads: int | None = quantity("threads of each member on the CPU [default: cores over members at once]", None, ge=1)
     precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
-    transfer: Literal["mls", "apic", "aflip"] = quantity(
-        "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less)",
-        "mls",
-    )
-    flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
-    f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
-    sleep_speed: float = limited(
-        "sleep_speed", "blocks slower than this rest until something moves beside them (scan only, not at structures); 0: off", 0.0
-    )
-    substeps: int = limited(
-        "substeps", "most substeps of a transfer between particles and grid (with mls, without f_bar and sleep_speed)", 4
-    )
+    substeps: int = limited("substeps", "most substeps of a transfer between particles and grid", 4)
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"
     )

@@ -137,9 +137,8 @@ def note_member(arguments: Mapping[str, Any], seconds: float, steps: float, part
 
 
 def _of_kernels(arguments: Mapping[str, Any]) -> list[Any]:
-    choices = Scheme.of(arguments).of_kernels()
-    choices["sleep_speed"] = bool(choices["sleep_speed"])
-    return [*laws_of(arguments), *map(arguments.get, OF_ENGINE), choices, bool(arguments.get("friction_zones"))]
+    choices, zones = Scheme.of(arguments).of_kernels(), bool(arguments.get("friction_zones"))
+    return [*laws_of(arguments), *map(arguments.get, OF_ENGINE), choices, zones]
 
 
 def _of_scene(arguments: Mapping[str, Any]) -> list[Any]:

@@ -131,13 +131,13 @@ def expected_memory(
     on_device = device is not None and bool(device.is_cuda)
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
     field = structures.field if structures else None
-    precision, transfer, f_bar = scheme.precision, scheme.transfer, scheme.f_bar
+    precision = scheme.precision
     if on_device:
         sizes = extent.particles, extent.nodes_on_device
-        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed, scheme.substeps)
+        backend = bytes_on_device(*sizes, precision, field, friction, extent.mixed, scheme.substeps)
         return MemoryForecast(backend, host, True)
     counts = extent.particles, extent.held, extent.owners, extent.nodes
-    backend = host_bytes(*counts, precision, transfer, f_bar, friction)
+    backend = host_bytes(*counts, precision, friction)
     return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
 
 

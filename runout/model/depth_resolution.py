@@ -34,7 +34,7 @@ class DepthResolution:
     cells_through_depth : float
         Vertical cells.
     numerical_viscosity : float
-        Kinematic viscosity of the transfers [m2/s] for shear through the depth; zero for aflip that keeps all.
+        Kinematic viscosity of the transfers [m2/s] for shear through the depth.
     shear_decay_time : float
         Time [s] in which numerical viscosity reduces that shear to 1/e.
     smallest_feature : float
@@ -62,9 +62,8 @@ class DepthResolution:
         if not (depth > 0 and dt > 0):
             return cls(0.0, 0.0, 0.0, math.inf, feature, thinnest)
         wave = formulas.shear_wave_length(depth)
-        viscosity = formulas.numerical_viscosity(h, wave, dt, scene.keeps)
-        decay = formulas.decay_time(viscosity, wave) if viscosity > 0 else math.inf
-        return cls(depth, depth / h, viscosity, decay, feature, thinnest)
+        viscosity = formulas.numerical_viscosity(h, wave, dt)
+        return cls(depth, depth / h, viscosity, formulas.decay_time(viscosity, wave), feature, thinnest)
 
     @property
     def is_coarse(self) -> bool:

@@ -76,8 +76,6 @@ LIMITS = {
     "smoothing": Range(0, 1e5, "m", "it is the half-width of a mean over elevations", open_low=True),
     "end_time": Range(1e-6, 86400, "s"),
     "arrival_threshold": Range(1e-6, 1000, "m"),
-    "sleep_speed": Range(0, 1000, "m/s"),
-    "flip_ratio": Range(0, 1),
     "substeps": Range(1, MOST_SUBSTEPS),
     "cfl": Range(0, LARGEST_CFL, hint=f"{LARGEST_CFL:g} is usual", open_low=True),
 }

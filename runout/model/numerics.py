@@ -1,4 +1,4 @@
-"""Numerics of a run: grid, particles, time step, precision and transfer, in one record from site.yaml and Python to the scene."""
+"""Numerics of a run: grid, particles, time step, precision and substeps, in one record from site.yaml and Python to the scene."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -7,8 +7,6 @@ from typing import Any, Self
 
 from runout.errors import ConfigError, StabilityError
 from runout.model.limits import CFL, LARGEST_CFL, checked, is_number, spacing_of
-
-TRANSFERS = ("mls", "apic", "aflip")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,30 +19,17 @@ class Scheme:
         Courant number of the acoustic limit, at most 0.6. The limit of an isolated particle can shorten the steps.
     precision : str
         "float32" or "float64".
-    transfer : str
-        How stress, strain and velocity pass between particles and grid: "mls" (packed in the affine matrix), "apic" (gradients of
-        the weights) or "aflip" (apic, and particles keep a part of their own velocity).
-    flip_ratio : float
-        That fraction, 0 to 1; for "aflip" only.
-    f_bar : bool
-        Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
-    sleep_speed : float
-        Blocks slower than this [m/s] rest until something moves beside them; 0 switches it off; "scan" only.
     substeps : int
         Most substeps of a transfer between particles and grid, 1 to 64 (:mod:`runout.physics.substeps`).
 
     Raises
     ------
     ConfigError, StabilityError
-        If a value is out of range or choices do not work together.
+        If a value is out of range.
     """
 
     cfl: float = CFL
     precision: str = "float32"
-    transfer: str = "mls"
-    flip_ratio: float = 0.95
-    f_bar: bool = False
-    sleep_speed: float = 0.0
     substeps: int = 4
 
     def __post_init__(self) -> None:
@@ -54,18 +39,9 @@ class Scheme:
             raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
         if self.precision not in ("float32", "float64"):
             raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
-        if self.transfer not in TRANSFERS:
-            raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
-        checked("flip_ratio", self.flip_ratio, error=ConfigError)
-        checked("sleep_speed", self.sleep_speed, error=ConfigError)
-        if self.sleep_speed and (self.f_bar or not self.packed):
-            raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
         checked("substeps", self.substeps, error=ConfigError)
         if not isinstance(self.substeps, Integral):
             raise ConfigError(f"substeps is {self.substeps!r}; it must be a whole number")
-        if self.substeps > 1 and (self.f_bar or self.sleep_speed or not self.packed):
-            also = "it works with transfer mls, without f_bar and sleep_speed; leave these out, or substeps"
-            raise ConfigError(f"substeps is {self.substeps}; {also}")
 
     @classmethod
     def names(cls) -> set[str]:
@@ -83,17 +59,7 @@ class Scheme:
 
     def of_kernels(self) -> dict[str, Any]:
         """The choices that change which kernels are compiled."""
-        return {name: value for name, value in self.scheme().items() if name not in ("cfl", "flip_ratio")}
-
-    @property
-    def packed(self) -> bool:
-        """Whether stress and strain pass through the affine matrix, not through the gradients of the weights."""
-        return self.transfer == "mls"
-
-    @property
-    def keeps(self) -> float:
-        """Part of its own velocity that a particle keeps [1]."""
-        return self.flip_ratio if self.transfer == "aflip" else 0.0
+        return {name: value for name, value in self.scheme().items() if name != "cfl"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -125,8 +125,7 @@ class Scene(Scheme):
     @cached_property
     def isolated_cfl(self) -> float:
         """Courant number above which an isolated particle would gain energy."""
-        share = 1.0 if self.packed else 0.5
-        return min(timestep.isolated_limit(m.lame_lambda, m.shear_modulus, share) for m in self.materials)
+        return min(timestep.isolated_limit(m.lame_lambda, m.shear_modulus) for m in self.materials)
 
     @property
     def largest_cfl(self) -> float:

@@ -27,13 +27,6 @@ def weight_slopes(f: Any):
     return vec(f - real(1.5), real(2.0) - real(2.0) * f, f - real(0.5))
 
 
-def moment_slopes(f: Any):
-    """What the packed form takes for the slopes [1 / cell]: weight times arm over the second moment (Hu et al. 2018, eq. 16)."""
-    w = weights(f)
-    a = real(4.0) * f
-    return vec(-a * w[0], (real(4.0) - a) * w[1], (real(8.0) - a) * w[2])
-
-
 def inverse_inertia(h: Any):
     """Inverse of D = h^2/4, the second moment of the weights [1/m2] (Jiang et al. 2016, sec. 5.3)."""
     return real(4.0) / (h * h)

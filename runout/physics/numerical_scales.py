@@ -6,14 +6,14 @@ from typing import Any
 from runout.physics.tensors import real
 
 
-def numerical_viscosity(h: Any, wave_length: Any, dt: Any, keeps: Any):
+def numerical_viscosity(h: Any, wave_length: Any, dt: Any):
     """Kinematic viscosity [m2/s] of a transfer with quadratic weights for motion of ``wave_length`` [m], cells ``h`` [m].
 
-    Measured with eight particles a cell and 6 to 40 cells a wave: 0.80 to 0.95 times (h/wave_length)^2 h^2/dt for the packed form
-    and apic alike; aflip that keeps the part ``keeps`` of a slip leaves the rest of it.
+    ``dt`` [s] is the length of a transfer. Measured with eight particles a cell and 6 to 40 cells a wave: 0.80 to 0.95 times
+    (h/wave_length)^2 h^2/dt.
     """
     ratio = h / wave_length
-    return real(0.95) * (real(1.0) - keeps) * ratio * ratio * h * h / dt
+    return real(0.95) * ratio * ratio * h * h / dt
 
 
 def artificial_wave_speed(k: Any, v: Any, g: Any, H: Any, strain: Any):

@@ -11,15 +11,13 @@ def acoustic_limit(cfl: Any, h: Any, wave_speed: Any, speed: Any):
     return cfl * h / (wave_speed + speed)
 
 
-def isolated_limit(lam: Any, mu: Any, share: Any):
+def isolated_limit(lam: Any, mu: Any):
     """Courant number [1] above which an isolated particle gains energy, from Lame's constants [Pa].
 
     Its own nodes give it back a dilatation whose stiffness is 3 K where waves feel M = K + 4 G/3. With strain and stress through
-    the affine matrix the oscillation is that of a leapfrog with CFL^2 < M/(3 K) = (1 - nu)/(1 + nu): ``share`` 1. Through the
-    gradients of the weights, whose square over the weight sums to up to 6/h^2 beside 4/h^2, CFL^2 < M/(6 K), when the particle
-    lies half way between nodes: ``share`` 1/2.
+    the affine matrix the oscillation is that of a leapfrog with CFL^2 < M/(3 K) = (1 - nu)/(1 + nu).
     """
-    return math.sqrt(share * (lam + real(2.0) * mu) / (real(3.0) * lam + real(2.0) * mu))
+    return math.sqrt((lam + real(2.0) * mu) / (real(3.0) * lam + real(2.0) * mu))
 
 
 def particle_limit(h: Any, speed: Any):

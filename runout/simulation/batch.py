@@ -140,10 +140,7 @@ class _Job:
         scene, made = build_scene(**scene_arguments(given), accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)
         sizes = found[0].particles, found[0].nodes_on_device
-        needed = bytes_on_device(
-            *sizes, scene.precision, scene.transfer, scene.f_bar, scene.structures, scene.basal.law, scene.basal.mixed,
-            scene.substeps,
-        )  # fmt: skip
+        needed = bytes_on_device(*sizes, scene.precision, scene.structures, scene.basal.law, scene.basal.mixed, scene.substeps)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         named = named_structures(given.get("structures"))
         return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, named)

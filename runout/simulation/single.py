@@ -43,10 +43,6 @@ def simulate(
     precision: str = "float32",
     seed: int = 0,
     cfl: float | None = None,
-    transfer: str = "mls",
-    flip_ratio: float = 0.95,
-    f_bar: bool = False,
-    sleep_speed: float = 0.0,
     substeps: int = 4,
     initial_stress: str = "at_rest",
     accuracy: str | None = None,
@@ -95,20 +91,9 @@ def simulate(
         Seed of the positions of the particles.
     cfl : float
         Courant number; 0.6 by default, which is also the largest. A smaller value is not more accurate, since each step damps.
-    transfer : str
-        "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
-        ``docs/theory``.
-    flip_ratio : float
-        Fraction, 0 to 1, that a particle keeps of the velocity that the grid does not represent ("aflip"); 0 is "apic".
-    f_bar : bool
-        Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
-    sleep_speed : float
-        Blocks slower than this [m/s] rest until something moves beside them, on the backend "scan"; 0, the default, switches it
-        off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``. Mass beside structures
-        stays awake.
     substeps : int
         Most substeps of a transfer between particles and grid, 1 to 64: forces and contacts are taken anew in each, the transfer,
-        which damps, is made once (:mod:`runout.physics.substeps`). With "mls" only, without ``f_bar`` and ``sleep_speed``.
+        which damps, is made once (:mod:`runout.physics.substeps`).
     initial_stress : str
         "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional
@@ -155,8 +140,8 @@ def simulate(
     releases = [release] if isinstance(release, Release) else list(release)
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
     numerics = Numerics(
-        **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, transfer=transfer, flip_ratio=flip_ratio,
-        f_bar=f_bar, sleep_speed=sleep_speed, substeps=substeps, initial_stress=initial_stress,
+        **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
+        initial_stress=initial_stress,
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:

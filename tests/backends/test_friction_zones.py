@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import GRAVITY, HARD, assert_close_states, at, engine_of, loaded, plane, scene
-from test_other_transfers import sandy
-from test_sparse_equals_dense import CASES, run, two_bodies
+from scenes import GRAVITY, HARD, SAND, assert_close_states, at, engine_of, loaded, plane, scene
+from test_sparse_equals_dense import CASES, CLAY, run, two_bodies
 
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
@@ -78,12 +77,11 @@ def random_zones(seed=4):
 
 
 @pytest.mark.parametrize(("steps", "tolerance"), [(1, 1e-13), (100, 1e-10)])
-@pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
 @pytest.mark.parametrize("sparse", ["scan", "hash"])
-def test_sparse_backends_equal_the_reference_in_zones(sparse, way, steps, tolerance):
+def test_sparse_backends_equal_the_reference_in_zones(sparse, steps, tolerance):
     surface, spacing = CASES["bowl"]
     p = two_bodies(surface, spacing)
-    s = sandy(surface, spacing, (0.4, 0.25), friction_zones=random_zones(), strength=(0.45, 0.3), **way)
+    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25), friction_zones=random_zones(), strength=(0.45, 0.3))
     engines = [engine_of(name) for name in ("reference", sparse)]
     (a, row_a, _), (b, row_b, _) = (run(one, s, p, steps, 2e-3) for one in engines)
     assert_close_states(a, b, tolerance)
@@ -93,7 +91,7 @@ def test_sparse_backends_equal_the_reference_in_zones(sparse, way, steps, tolera
 
 def test_zones_that_change_nothing_change_no_bit():
     surface, spacing = CASES["bowl"]
-    s, p = sandy(surface, spacing, (0.4, 0.25)), two_bodies(surface, spacing)
+    s, p = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25)), two_bodies(surface, spacing)
     (a, *_), (b, *_) = (run(get_backend("scan", threads=1), one, p, 30, 2e-3) for one in (s, replace(s, friction_zones=zones())))
     np.testing.assert_array_equal(a.velocity, b.velocity)
 

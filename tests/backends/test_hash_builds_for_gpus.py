@@ -19,11 +19,6 @@ LARGEST = {  # registers a thread of the kernels that take the time; the others 
     "float64": {"particles_to_grid": 255, "grid_to_particles": 222, "find_contacts": 168, "solve_contacts": 168, "sum_blocks": 136}
     | {"cut_tiles": 168},
 }
-GRADIENT_TRANSFER = {  # of scenes with transfer apic or aflip, or F-bar; bounded for single precision, not measured
-    "float32": {"grid_to_particles": 168, "add_forces": 168, "spread_dilatation": 240},
-    "float64": {"grid_to_particles": 255, "add_forces": 255, "spread_dilatation": 255},
-}
-GRADIENT_SPILLED = {"float32": {}, "float64": {"grid_to_particles": 48, "add_forces": 56, "spread_dilatation": 488}}
 STRUCTURES: dict[str, dict[str, int]] = {  # of contact with structures; bounded for single precision, not measured
     "float32": {"find_entering": 128},
     "float64": dict.fromkeys(("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering"), 168),
@@ -78,10 +73,10 @@ def require_within(kernels, modules, folder, registers, spilled):
     return len(wanted)
 
 
-@pytest.mark.parametrize(("gradient_transfer", "structured"), [(False, False), (True, True)])
-def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient_transfer, structured):
+@pytest.mark.parametrize("structured", [False, True])
+def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(structured):
     """A group is one argument; every driver passes 4096 bytes to a kernel, of which warp needs some for the launch."""
-    more = gradient_transfer, structured, structured  # the last: substeps
+    more = structured, structured  # the last: substeps
     of_run = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, *more)
     kernels = vars(of_run) | (vars(of_run.later) if structured else {})
     arguments = {name: k.adj.args for name, k in kernels.items() if isinstance(k, wp.Kernel)}
@@ -96,20 +91,6 @@ def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient
 def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precision, tmp_path):
     kernels = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False)
     assert require_within(kernels, kernels.modules, tmp_path, LARGEST[precision], SPILLED[precision]) > 20
-
-
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_packed_one(precision, tmp_path):
-    """Only what differs: the rest is the packed form's own, which stays as it was."""
-    plain, gradient_transfer = (
-        compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False),
-        compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False, False, True),
-    )
-    more = [module for module in gradient_transfer.modules if module not in plain.modules]
-    assert {name for name, kernel in vars(plain).items() if vars(gradient_transfer)[name] != kernel} == {
-        *("grid_to_particles", "update_nodes", "modules")
-    }
-    assert require_within(gradient_transfer, more, tmp_path, GRADIENT_TRANSFER[precision], GRADIENT_SPILLED[precision]) == 9
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -145,10 +126,10 @@ def test_contact_with_ground_areas_builds_within_the_same_registers_and_hardly_s
 
 def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(tmp_path):
     """All in one build: none of the three takes code away that the others need. Tests above build the sets that do not differ."""
-    plain = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float32", False, gradient_transfer=True)
-    kernels = compiled_kernels(LAWS.find("granular_flow"), COULOMB, "float32", True, zoned=True, gradient_transfer=True)
+    plain = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float32", False, substepped=True)
+    kernels = compiled_kernels(LAWS.find("granular_flow"), COULOMB, "float32", True, zoned=True, substepped=True)
     differing = [module for module in kernels.modules if module not in plain.modules]
-    assert {name.split(".")[2] for name in (module.name for module in differing)} >= {"sums", "law", "friction", "transfer"}
+    assert {name.split(".")[2] for name in (module.name for module in differing)} >= {"sums", "law", "friction", "substeps"}
     for module in differing:
         paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
         assert all(".version" in path.read_text()[:2000] for path in paths)

@@ -31,20 +31,20 @@ def test_rows_of_the_particle_matrix_have_a_stride_of_32_bits(number, largest):
         limits.require_particles(largest + 1, number)
 
 
-@pytest.mark.parametrize("transfer", ["mls", "aflip"])
+@pytest.mark.parametrize("substeps", [1, 4])
 @pytest.mark.parametrize("deterministic", [False, True])
-def test_no_array_of_a_run_takes_more_numbers_by_block_than_the_limits_count(transfer, deterministic):
+def test_no_array_of_a_run_takes_more_numbers_by_block_than_the_limits_count(substeps, deterministic):
     engine = engine_of("hash", deterministic=deterministic)
     p = box((20.0, 20.0, 0.0), (8.0, 8.0, 4.0), UNIT)
     friction = (VoellmyBase(mu=0.2, xi=500.0), VoellmyBase(mu=0.3, xi=500.0))
-    engine.load(scene(plane(), materials=(SAND, SAND), friction=friction, transfer=transfer), p)
+    engine.load(scene(plane(), materials=(SAND, SAND), friction=friction, substeps=substeps), p)
     parts = engine.parts
     blocks, most = parts.index.capacity, 0
     for part in (parts.index, parts.nodes):
         for name, array in vars(part).items():
             if isinstance(array, wp.array) and array.ndim == 1 and name not in ("table", "slots", "members", "contact", "shares"):
                 most = max(most, len(array) / blocks)
-    assert limits.largest_blocks(deterministic, transfer == "aflip", friction[0], 2) == limits.LARGEST_INDEX // int(most)
+    assert limits.largest_blocks(deterministic, friction[0], 2, substeps > 1) == limits.LARGEST_INDEX // int(most)
 
 
 def test_load_refuses_particles_that_cannot_be_addressed(monkeypatch):

@@ -28,7 +28,6 @@ from runout.backends.lanes import (
     record_vectors,
     row_vectors,
     select,
-    splat,
     store,
     whole,
 )
@@ -58,11 +57,11 @@ def ran(function, *arguments):
 def test_arithmetic_is_that_of_numpy_lane_by_lane(real):
     def combine(a, b, out):
         x, y = load16(a, 0), load16(b, 0)
-        store(out, 0, (x + y) * x - y / x + 2.0 * y - splat(a[3]))
+        store(out, 0, (x + y) * x - y / x + 2.0 * y)
 
     a, b, out = lanes(real), lanes(real, seed=1), np.zeros(16, real)
     ran(combine, a, b, out)
-    np.testing.assert_allclose(out, (a + b) * a - b / a + 2 * b - a[3], rtol=20 * np.finfo(real).eps, atol=1e-6)
+    np.testing.assert_allclose(out, (a + b) * a - b / a + 2 * b, rtol=20 * np.finfo(real).eps, atol=1e-6)
 
 
 @both

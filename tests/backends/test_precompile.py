@@ -18,19 +18,13 @@ from runout.model.particles import Particles
 
 
 @pytest.mark.parametrize(
-    ("precision", "index", "transfer"),
-    [
-        *((precision, index, {}) for precision in ("float32", "float64") for index in ("sparse", "dense")),
-        ("float64", "sparse", {"transfer": "aflip", "f_bar": True}),
-        ("float64", "sparse", {"f_bar": True}),
-    ],
+    ("precision", "index"), [(precision, index) for precision in ("float32", "float64") for index in ("sparse", "dense")]
 )
-def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index, transfer):
+def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index):
     ground = plane(slope_x=-0.5, height=30.0)
     particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), SAND.density, surface=ground)
     particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long
-    materials = (SAND, SAND) if transfer else (SAND,)  # the kernels of test_other_transfers
-    a_scene = scene(ground, materials=materials, friction=(0.5,) * len(materials), precision=precision, **transfer)
+    a_scene = scene(ground, materials=(SAND,), friction=(0.5,), precision=precision)
     engine = ScanBackend(index=index)
     engine.load(a_scene, particles)
     for _ in range(150):
@@ -43,7 +37,6 @@ def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index, tra
     loaded = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())]
     assert compiled_here == []
     assert {"grid_to_particles", "particles_to_nodes_over_ground", "solve_contacts"} <= set(loaded)
-    assert ("take_gradients" in loaded) == bool(transfer)
 
 
 def test_kernels_compiled_ahead_have_the_types_of_a_run():
@@ -165,13 +158,13 @@ def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
 
     def compiled(a_scene, sources):
         assert a_scene.precision == "float32"
-        assert a_scene.sleep_speed == 0.1
+        assert a_scene.substeps == 4
         begun.set()
         assert go_on.wait(10.0)
 
     monkeypatch.setattr(ahead, "ensure_compiled", compiled)
     friction = scene(materials=(SAND,)).basal.law.example
-    found = ahead.CompilingAhead((SAND,), friction, {"precision": "float32", "sleep_speed": 0.1}, zones=False)
+    found = ahead.CompilingAhead((SAND,), friction, {"precision": "float32", "substeps": 4}, zones=False)
     assert begun.wait(10.0)
     assert found.is_running
 

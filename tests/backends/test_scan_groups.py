@@ -7,10 +7,10 @@ import pytest
 
 from runout.backends.compile import functions_of
 from runout.backends.scan import groups
-from runout.backends.scan.kernels import BY_GRADIENTS, BY_STRUCTURES, COMMON, CONTACT, domain, grid_to_particles, substep, tile
+from runout.backends.scan.kernels import BY_STRUCTURES, COMMON, CONTACT, domain, grid_to_particles, substep, tile
 
 OTHERS = {domain, tile, grid_to_particles, substep}
-MODULES = sorted({*COMMON, *CONTACT, *BY_GRADIENTS, *BY_STRUCTURES, *OTHERS}, key=lambda module: module.__name__)
+MODULES = sorted({*COMMON, *CONTACT, *BY_STRUCTURES, *OTHERS}, key=lambda module: module.__name__)
 MOST_ARGUMENTS = 12
 
 

@@ -51,7 +51,7 @@ def assert_alike(found, alone):
     assert [f.tobytes() for f in found.particle_frames] == [f.tobytes() for f in alone.particle_frames]
 
 
-WAYS = {"packed": {}, "substeps": {"substeps": 4}, "aflip with F-bar": {"transfer": "aflip", "f_bar": True}}
+WAYS = {"one substep": {}, "substeps": {"substeps": 4}}
 
 
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)

@@ -72,9 +72,6 @@ def test_a_transfer_of_more_substeps_than_the_scene_has_is_refused():
         ({"substeps": 2.5}, "whole number"),
         ({"substeps": 4.0}, "whole number"),
         ({"substeps": True}, "substeps is True"),
-        ({"substeps": 4, "transfer": "aflip"}, "transfer mls"),
-        ({"substeps": 4, "f_bar": True}, "without f_bar"),
-        ({"substeps": 4, "sleep_speed": 0.1}, "sleep_speed"),
     ],
 )
 def test_substeps_that_do_nothing_sensible_are_refused(choices, message):

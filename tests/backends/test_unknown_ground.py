@@ -4,10 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HARD, SAND, STATE, box, engine_of, loaded, plane, scene, total_energy
-from test_other_transfers import sandy
-from test_sleep import bed
-from test_sleep import run as rested
+from scenes import HARD, STATE, box, engine_of, loaded, plane, scene, total_energy
 
 from runout.backends.state import part
 from runout.errors import ConfigError
@@ -57,12 +54,9 @@ def test_mass_that_comes_into_unknown_ground_is_booked_as_escaped_and_nothing_el
     assert backend.columns().mass.sum() == pytest.approx(row.mass, rel=1e-12)
 
 
-@pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
 @pytest.mark.parametrize("sparse", ["scan", "hash"])
-def test_sparse_backends_take_out_the_same_particles_as_the_reference(sparse, way):
-    if way:  # two materials, as in all tests of the other transfers
-        way = {**way, "materials": (HARD, HARD), "friction": (0.2, 0.2)}
-    surface, s = slope(**way)
+def test_sparse_backends_take_out_the_same_particles_as_the_reference(sparse):
+    surface, s = slope()
     (a, row_a), (b, row_b) = (after(loaded(engine_of(name), s, body(surface)), 120) for name in ("reference", sparse))
     np.testing.assert_array_equal(b.identity, a.identity)
     for name in STATE:
@@ -86,20 +80,6 @@ def test_a_run_goes_on_over_unknown_ground_as_if_it_had_not_been_broken_off(back
     assert row_again.escaped_mass == row.escaped_mass > 0
 
 
-def test_blocks_beside_unknown_ground_may_sleep_and_lose_nothing():
-    """A hole under a bed of clay: what stands over it goes at once, its walls stand, and the rest falls asleep."""
-    s, p = bed()
-    unknown = np.zeros((40, 30), bool)
-    unknown[10:12, 5:7] = True
-    engine = rested(replace(s, unknown=unknown), p, 400)
-    row = engine.ledger()
-    assert engine.totals.sleepers > 0
-    assert row.escaped_mass >= 2 * 2 * 2 * 2.5 * 2 * SAND.density
-    assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-12)
-    x, y, _ = engine.particles().position(np.array(UNIT)).T
-    assert replace(s, unknown=unknown).holds(x, y).all()
-
-
 def test_scenes_of_a_batch_have_each_their_own_unknown_cells():
     from runout.backends.hash import batch
 
@@ -121,4 +101,4 @@ def test_a_checkpoint_of_other_unknown_cells_is_not_taken_for_that_of_a_run():
 
 def test_unknown_cells_of_another_raster_are_refused():
     with pytest.raises(ConfigError, match=r"unknown cells have shape \(30, 40\)"):
-        replace(sandy(plane(), UNIT, (0.4, 0.25)), unknown=holes().T)
+        replace(scene(plane(), UNIT), unknown=holes().T)

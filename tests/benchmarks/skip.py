@@ -1,6 +1,5 @@
 """Time saved by each kind of skipped work, and its effect on the results: runs with each switch on and off, in turn."""
 
-import math
 import os
 import platform
 import tempfile
@@ -12,13 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from runout import DruckerPrager, Release, Terrain, __version__, log
+from runout import __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
 from runout.io.atomic import write_json
 from runout.map_quantities import member_map_names
-from runout.model.numerics import Numerics
 from runout.model.particles import Particles
-from runout.model.release import Placement
 from runout.model.scene import Scene
 from runout.model.structures import CELLS, Patches, StructureField
 from runout.simulation.checkpoint import Checkpoint
@@ -71,10 +68,6 @@ SWITCHES = (
     Switch("cadence", {"crossing": 0.0}, False, "observe as the flow crosses half a grid cell / after every step"),
     Switch("stop rule", {"stop": False}, False, "stop at rest / go on to the end time", "resting"),
     Switch("structures", {}, True, "a wall out of reach / none", on={"structures": wall_out_of_reach}),
-    *(
-        Switch(f"sleep {speed:g}, {scene}", {}, False, f"rest below {speed:g} m/s / move all", scene, {"sleep_speed": speed})
-        for scene, speed in (("bed", 0.05), ("bed", 0.2), ("creeping", 0.05), ("creeping", 0.2))
-    ),
 )
 
 
@@ -133,18 +126,6 @@ def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
     return scene, particles, control
 
 
-def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
-    """A slab that slides down a slope of 30 deg onto the western end of a bed, 2 m thick, that rests on a plain."""
-    cell, columns, rows = 5.0, 80, 24
-    x = cell * (np.arange(columns) + 0.5)
-    terrain = Terrain(np.tile(math.tan(math.radians(30.0)) * np.maximum(120.0 - x, 0.0), (rows, 1)), (cell, cell))
-    slab, bed = np.zeros(terrain.shape), np.zeros(terrain.shape)
-    slab[8:16, 6:14], bed[4:20, 26:70] = 6.0, 2.0
-    releases = [Release(thickness, terrain, placement=Placement.ON_SURFACE) for thickness in (slab, bed)]
-    soil = DruckerPrager(density=2000.0, youngs_modulus=5e6, friction_angle=30.0, cohesion=5e3)
-    return *build_scene(terrain, releases, soil, 22.0, Numerics(cell_size=cell_size)), RunControl(end_time, False)
-
-
 def measure(scenes: Mapping[str, Made], repeats: int = REPEATS) -> dict[str, Any]:
     """All rows with machine and versions; ``scenes`` by the names that the switches use."""
     scene, particles, control = scenes["flowing"]
@@ -157,7 +138,7 @@ def measure(scenes: Mapping[str, Made], repeats: int = REPEATS) -> dict[str, Any
         "numpy": np.__version__,
     }
     raster = [scene.raster.rows, scene.raster.columns]
-    scale = {"particles": len(particles), "raster": raster, "cell_size": list(scene.spacing), "bed": len(scenes["bed"][1])}
+    scale = {"particles": len(particles), "raster": raster, "cell_size": list(scene.spacing)}
     return {"version": __version__, "commit": commit(), "machine": machine, "scene": scale, "repeats": repeats, "rows": rows}
 
 
@@ -193,9 +174,7 @@ def study(out: Path, *, repeats: int = REPEATS, checkpointed: int = CHECKPOINTED
     checkpointed : int
         Particles of the layer whose checkpoint is measured.
     """
-    resting = jacksboro(*RESTING)
-    creeping = (*resting[:2], replace(resting[2], stop=False))
-    scenes = {"flowing": jacksboro(*FLOWING), "resting": resting, "creeping": creeping, "bed": fall_on_a_bed()}
+    scenes = {"flowing": jacksboro(*FLOWING), "resting": jacksboro(*RESTING)}
     found = measure(scenes, repeats) | {"checkpoint": checkpoint_cost(checkpointed)}
     return write_json(found, out / FILE)
 

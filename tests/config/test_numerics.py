@@ -34,9 +34,8 @@ def test_every_choice_is_a_setting_with_the_same_default_but_the_seed_which_each
 @pytest.mark.parametrize(
     ("name", "stated", "value"),
     [
-        ("transfer", "transfer: apic", "apic"), ("precision", "precision: float64", "float64"), ("cfl", "cfl: 0.4", 0.4),
-        ("substeps", "substeps: 4", 4), ("sleep_speed", "sleep_speed: 0.1", 0.1), ("f_bar", "f_bar: true", True),
-        ("initial_stress", "initial_stress: none", "none"), ("flip_ratio", "flip_ratio: 0.5", 0.5),
+        ("precision", "precision: float64", "float64"), ("cfl", "cfl: 0.4", 0.4), ("substeps", "substeps: 4", 4),
+        ("initial_stress", "initial_stress: none", "none"),
         ("particles_per_cell", "particles_per_cell: [2, 2, 2]", (2, 2, 2)),
     ],
 )  # fmt: skip
@@ -47,7 +46,7 @@ def test_a_choice_of_site_yaml_reaches_the_record(edited, name, stated, value):
 
 def test_the_scene_takes_the_scheme():
     assert Scheme.names() < {f.name for f in fields(Scene)}
-    assert set(Scheme().of_kernels()) == Scheme.names() - {"cfl", "flip_ratio"}
+    assert set(Scheme().of_kernels()) == Scheme.names() - {"cfl"}
 
 
 @pytest.mark.parametrize(
@@ -56,9 +55,6 @@ def test_the_scene_takes_the_scheme():
         ({"cfl": "fast"}, "cfl is 'fast'; it must be a number, 0.6 is usual"),
         ({"cfl": 0.7}, "cfl is 0.7; an isolated particle is unstable above 0.6, use 0.6"),
         ({"precision": "half"}, "precision is 'half'; choose float32 or float64"),
-        ({"transfer": "flip"}, "transfer is 'flip'; choose one of mls, apic, aflip"),
-        ({"sleep_speed": 0.1, "f_bar": True}, "sleep_speed works with transfer mls without f_bar; leave it out, or choose these"),
-        ({"substeps": 2, "transfer": "apic"}, "substeps is 2; it works with transfer mls, without f_bar and sleep_speed"),
     ],
 )
 def test_choices_that_cannot_be_are_refused_with_their_remedy(choices, message):

@@ -68,11 +68,10 @@ def test_arguments_without_a_sample_are_the_stated_ones(site_folder):
     assert (arguments["cell_size"], arguments["end_time"], arguments["stop"]) == (10.0, 30.0, True)
 
 
-def test_transfer_of_the_site_reaches_the_simulation(edited):
-    site = read_site(edited("end_time: 30", "end_time: 30\n  transfer: aflip\n  flip_ratio: 0.9\n  f_bar: true"))
-    arguments = site.member_arguments({})
-    assert (arguments["transfer"], arguments["flip_ratio"], arguments["f_bar"]) == ("aflip", 0.9, True)
-    assert site.computed() != read_site(edited("flip_ratio: 0.9", "flip_ratio: 0.8")).computed()
+def test_substeps_of_the_site_reach_the_simulation(edited):
+    site = read_site(edited("end_time: 30", "end_time: 30\n  substeps: 3"))
+    assert site.member_arguments({})["substeps"] == 3
+    assert site.computed() != read_site(edited("substeps: 3", "substeps: 2")).computed()
 
 
 def test_arguments_of_a_member_are_arguments_of_simulate(site_folder):

@@ -15,7 +15,6 @@ GENERATED = {
     "benchmarks/peak_maps.md",
     "benchmarks/published.md",
     "benchmarks/skip.md",
-    "benchmarks/transfers.md",
     "benchmarks/work_precision.md",
     "validation/avakot.md",
     "validation/cascades_2021.md",

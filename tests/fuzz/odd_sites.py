@@ -185,10 +185,10 @@ def odd_yaml(folder: Path, random: Random) -> None:
 
 
 INSERTED = (
-    "accuracy", "resolution", "layer", "volume", "sign", "edge", "particles_per_cell", "backend", "device", "cfl", "sleep_speed",
-    "transfer", "flip_ratio", "arrival_threshold", "poisson_ratio", "cohesion", "law", "cone", "description", "frequencies",
+    "accuracy", "resolution", "layer", "volume", "sign", "edge", "particles_per_cell", "backend", "device", "cfl", "substeps",
+    "arrival_threshold", "poisson_ratio", "cohesion", "law", "cone", "description", "frequencies",
     "memory_gb",
-    "basal_friction_angle_deg", "placement", "density", "precision", "f_bar", "speed_thresholds", "release_volume_factor",
+    "basal_friction_angle_deg", "placement", "density", "precision", "speed_thresholds", "release_volume_factor",
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runout.physics import moments, plastic, transfers
+from runout.physics import moments, plastic
 
 RNG = np.random.default_rng(8)
 BX, BY, BZ, F, V, D = RNG.normal(size=(6, 3))
@@ -15,7 +15,6 @@ GRADIENT = np.column_stack((BX, BY, BZ)) * S
 
 def test_slopes_of_a_step_are_those_of_the_second_moment():
     assert moments.moment_slope(0.01, 2.0) == pytest.approx(0.01 * 2.0 / (2.0**2 / 4))
-    assert transfers.gradient_slope(0.01, 2.0) == pytest.approx(0.005)
 
 
 def test_moments_about_a_point_lose_the_part_of_the_mean_velocity():
@@ -54,25 +53,6 @@ def test_kinetic_energy_is_that_of_the_mass_and_of_its_weights():
     exact = 0.5 * m * (share * ((v + nodes @ C.T) ** 2).sum(axis=1)).sum()
     assert moments.kinetic_energy(m, m * v, *(m * C.T)) == pytest.approx(exact)
     assert moments.potential_energy(m, (0.0, 1.0, -9.81), (5.0, 2.0, 3.0)) == pytest.approx(2.0 * (9.81 * 3.0 - 2.0))
-
-
-def test_what_the_grid_does_not_see_is_kept_by_its_share():
-    u, v, seen = (1.0, 2.0, 3.0), (5.0, 7.0, 11.0), (0.5, 0.25, 0.125)
-    slip = transfers.slip_velocity(v, seen)
-    assert slip == (4.5, 6.75, 10.875)
-    assert transfers.kept_velocity(u, slip, 0.0) == u
-    assert transfers.kept_velocity(seen, slip, 1.0) == v
-    assert transfers.kept_velocity(u, slip, 0.5) == (3.25, 5.375, 8.4375)
-    assert transfers.slip_moment((8.0, 12.0, 20.0), 4.0, (1.0, 1.5, 2.0)) == (0.25, 0.375, 0.75)
-
-
-def test_mean_dilatation_replaces_that_of_the_particle_and_leaves_its_shear():
-    L = tuple(range(1, 10))
-    assert transfers.dilatation(L) == 15.0
-    assert transfers.with_dilatation(L, 3.0, 0.0) == L
-    averaged = np.array(transfers.with_dilatation(L, 3.0, 1.0))
-    assert transfers.dilatation(averaged) == pytest.approx(3.0)
-    np.testing.assert_allclose(averaged - L, [-4, 0, 0, 0, -4, 0, 0, 0, -4], atol=1e-14)
 
 
 @pytest.mark.parametrize("component", range(6))

@@ -108,32 +108,6 @@ def test_a_field_that_does_not_resolve_contact_is_refused(change, said):
         scene(SLOPE, structures=replace(FIELD, **change))
 
 
-def test_resting_mass_sleeps_away_from_a_wall_and_presses_on_it_as_without_sleep():
-    clay, depth = replace(SAND, cohesion=2e4), 2.0  # its edges stand
-    wall = field_of_boxes([between((50, 8, -2), (53, 18, 6), 0.3)], 0.5, 2.5)
-    particles = box((20, 10, 0), (30, 6, depth), CUBES, clay.density)
-    above = depth - particles.position(np.ones(3))[:, 2]
-    particles.strain[:, 2] = np.expm1(-2 * clay.density * 9.81 * above / (clay.lame_lambda + 2 * clay.shear_modulus))
-    found = []
-    for slow in (0.0, 0.1):
-        a_scene = scene(plane(), structures=wall, materials=(clay,), sleep_speed=slow, cfl=0.4)
-        found.append(step(loaded(engine_of("scan"), a_scene, particles), 120))
-        found[-1].before = found[-1].structure_impulses()
-        step(found[-1], 120)
-    asleep = found[1]
-    near = asleep.structures.near.owners
-    assert asleep.totals.sleepers > 5
-    assert not asleep.workspace.sleep.asleep[near].any()
-    assert asleep.index.blocks.held[near].any()
-    row, weight = asleep.ledger(), np.array([0.0, 0.0, 9.81 * particles.mass.sum() * asleep.time])
-    received = row.basal_impulse - weight - asleep.structure_impulses().sum(axis=0)
-    np.testing.assert_allclose(row.momentum, received, rtol=0, atol=1e-12 * weight[2])
-    expected, pressed = ((engine.structure_impulses() - engine.before).sum(axis=0)[0] for engine in found)
-    assert pressed == pytest.approx(expected, rel=0.01)
-    assert expected > 1e3
-    assert not [name for name, kernel in vars(kernels_for(a_scene)).items() if sum(kernel.stats.cache_misses.values())]
-
-
 def test_a_patch_that_is_not_there_is_refused():
     with pytest.raises(ConfigError, match="patches"):
         replace(FIELD, patch=FIELD.patch + len(FIELD.patches.area))

@@ -1,13 +1,11 @@
 """--device: what is not there is refused in one line, auto takes what is there, and results do not depend on the choice's name."""
 
-from dataclasses import replace
-
 import pytest
 from ramp_site import write_site
 
 from runout import cli, read_site
 from runout.backends.protocol import devices_of, find_device, get_backend
-from runout.errors import ConfigError, DeviceError, ExitCode
+from runout.errors import DeviceError, ExitCode
 
 
 @pytest.fixture
@@ -41,21 +39,6 @@ def test_auto_takes_the_gpus_and_else_the_cpu(ramp, gpus):
     gpus("cuda:0", "cuda:1")
     found = site.on_device("auto").settings.simulation
     assert (found.backend, found.device) == ("hash", "cuda")
-
-
-def test_a_choice_that_no_gpu_has_stays_on_the_cpu_and_refuses_a_gpu_by_name(ramp, gpus):
-    gpus("cuda:0")
-    site = read_site(ramp)
-
-    def choosing(**choice):
-        simulation = site.settings.simulation.model_copy(update=choice)
-        return replace(site, settings=site.settings.model_copy(update={"simulation": simulation}))
-
-    assert choosing(sleep_speed=0.1).on_device("auto").settings.simulation.device == "cpu"
-    refused = "simulation.sleep_speed 0.1 runs on the CPU, not on cuda:0; leave --device out, or set sleep_speed: 0.0"
-    with pytest.raises(ConfigError, match=refused):
-        choosing(sleep_speed=0.1).on_device("cuda:0")
-    assert choosing(transfer="aflip", f_bar=True).on_device("cuda:0").settings.simulation.backend == "hash"
 
 
 def test_second_gpu_is_taken_by_name_and_a_third_refused(ramp, gpus):

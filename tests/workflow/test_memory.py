@@ -86,21 +86,6 @@ def test_forecast_counts_ground_areas_and_drag(friction):
     assert forecasts[1] - forecasts[0] == pytest.approx(held - plain, rel=0.2)
 
 
-def test_forecast_of_aflip_counts_its_rows_and_its_second_grid():
-    terrain, release = valley(10.0, 30.0)
-    seen = []
-    scene, particles = build_scene(
-        terrain, release, SAND, 20.0, Numerics(cell_size=5.0, particles_per_cell=8, precision="float64"), accept=seen.append
-    )
-    engine = get_backend("scan", threads=1)
-    engine.load(replace(scene, transfer="aflip", f_bar=True, materials=(SAND, SAND), friction=(0.3, 0.3), strength=()), particles)
-    engine.step(engine.stable_step())
-    forecast = expected_memory(seen[0], terrain.elevation.size, Scheme(precision="float64", transfer="aflip", f_bar=True))
-    plain = expected_memory(seen[0], terrain.elevation.size, Scheme(precision="float64"))
-    assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
-    assert forecast.backend > 1.3 * plain.backend
-
-
 def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any():
     terrain, release = valley(10.0, 30.0)
     tracemalloc.start()

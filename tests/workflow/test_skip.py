@@ -103,17 +103,8 @@ def test_cadence_and_stop_rule_change_maps_little_and_save_work(ramp_run):
     assert rest["difference"]["max_speed"] < 1e-3
 
 
-def test_what_sleeps_saves_work_where_a_bed_rests_and_changes_little():
-    scene, particles, control = skip.fall_on_a_bed(cell_size=4.0, end_time=12.0)
-    found = skip.compared(scene, particles, control, BY_NAME["sleep 0.2, bed"], 1)
-    assert found["steps"][0] == found["steps"][1]
-    assert 0.0 < found["difference"]["deposit_thickness"] < 0.02
-    assert found["difference"]["max_speed"] < 0.02
-
-
 def test_record_of_the_study_has_a_row_for_each_switch(tmp_path, monkeypatch):
     monkeypatch.setattr(skip, "jacksboro", lambda *choices: slab_on_a_ramp(end_time=1.0))
-    monkeypatch.setattr(skip, "fall_on_a_bed", lambda: slab_on_a_ramp(end_time=1.0))
     record = json.loads(skip.study(tmp_path, repeats=1, checkpointed=20_000).read_text())
     text = page(record).text
     assert [line.split(" | ")[0].strip("| ") for line in text.splitlines() if line.startswith("| ")][2:] == [

@@ -115,8 +115,6 @@ def bytes_needed(
     precision: str = "float32",
     deterministic: bool = False,
     near: int | None = None,
-    transfer: str = "mls",
-    f_bar: bool = False,
     structures: StructureField | None = None,
     beside: int = 0,
     friction: BasalFriction | FrictionLaw | None = None,
@@ -125,8 +123,7 @@ def bytes_needed(
 ) -> int:
     """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
-    Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``transfer`` and ``f_bar`` as of
-    :class:`runout.model.scene.Scene`; of aflip one that keeps something. ``beside``: blocks with impulses of ``structures``.
+    Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``beside``: blocks with impulses of ``structures``.
     ``friction``: the law on the ground; without one, one that needs no areas. ``mixed``: releases whose frictions differ, 1 if
     all are alike. ``substeps``: most of a transfer.
 
@@ -137,16 +134,15 @@ def bytes_needed(
     """
     number = 4 if precision == "float32" else 8
     require_particles(particles, number)
-    kept, substepped = transfer == "aflip", substeps > 1
-    room_within(blocks, blocks, largest_blocks(deterministic, kept, friction, mixed, substepped), "blocks")
+    substepped = substeps > 1
+    room_within(blocks, blocks, largest_blocks(deterministic, friction, mixed, substepped), "blocks")
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
     rows = ROWS + 1 + SPARE * (particles < FEW)
-    particle = (rows + 4 + 6 * (transfer != "mls")) * number + 14 + 4 * (f_bar or substepped)  # rows, radius, force, stress; ...
+    particle = (rows + 4) * number + 14 + 4 * substepped  # rows, radius, force; ...
     nodes = 64 * room_for(blocks)
-    layers = layers_of(kept, substepped, deterministic)
-    grid = 4 * number * (max(layers * nodes, particles // 4) + nodes * (f_bar and not deterministic))
-    block = 520 + 2 * number + 260 * (f_bar or substepped) + deterministic * (TILE * 4 * number + 36)
+    grid = 4 * number * max(layers_of(substepped, deterministic) * nodes, particles // 4)
+    block = 520 + 2 * number + 260 * substepped + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number + tiles
     more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0

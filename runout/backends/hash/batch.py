@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends import footprints
-from runout.backends.hash import gradient_transfer, readback, sort, step
+from runout.backends.hash import readback, sort, step
 from runout.backends.hash.account import Account
 from runout.backends.hash.device_status import DeviceStatus, Snapshot
 from runout.backends.hash.graphs import Graphs
@@ -70,7 +70,7 @@ class Batch:
         require_alike(given)
         kernels = compiled_kernels(
             given[0].law, given[0].basal.law, given[0].precision, deterministic,
-            zoned=any(s.friction_zones for s in given), gradient_transfer=gradient_transfer.uses_gradient_transfer(given[0]),
+            zoned=any(s.friction_zones for s in given),
             structured=any(map(structured, given)), substepped=any(s.substeps > 1 for s in given),
         )  # fmt: skip
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
@@ -196,7 +196,7 @@ class Batch:
         now, substeps = np.where(left > 0, dt, before), np.where(left > 0, substeps, scenes.substeps)
         if np.array_equal(before, now) and np.array_equal(scenes.substeps, substeps):
             return
-        if scenes.scenes[0].packed and not np.array_equal(before, now):
+        if not np.array_equal(before, now):
             longer = wp.array(now - before, dtype=scenes.number)
             groups = parts.store.group, parts.index.block_group, scenes.constants, scenes.materials
             run(parts.k.change_step, parts.store.n, *groups, longer)

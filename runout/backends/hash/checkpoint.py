@@ -76,7 +76,7 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
         parts.structures = structures_of(
             scenes, parts.k, engine.accounts, len(state["own.identity"]), float(state["own.largest"])
         )  # fmt: skip
-        parts.store = _store(state, scenes.number, not scene.packed)
+        parts.store = _store(state, scenes.number)
         parts.index = _index(parts, state)
         parts.make_nodes()
         n = parts.nodes
@@ -104,9 +104,9 @@ def _restore_structures(parts: Parts, state: State) -> None:
     s.note_shares(parts.k, parts.index)
 
 
-def _store(state: State, number: Any, stressed: bool) -> Store:
+def _store(state: State, number: Any) -> Store:
     rec = state["rec"]
-    store = Store(np.asarray(state["own.identity"]), number, stressed, rec.shape[1])
+    store = Store(np.asarray(state["own.identity"]), number, rec.shape[1])
     _fill(store.forces, state["forces"])
     store.rec.assign(np.ascontiguousarray(rec))
     for name in BY_PARTICLE:

@@ -50,12 +50,23 @@ def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: An
     _store_strain(rec, p, B, history)
 
 
-def _moments(tile: Tile, first: int, stride_x: int, stride_y: int, wx: Any, wy: Any, wz: Any, ax: Any, ay: Any, az: Any):
-    """Sums over the 27 nodes at place ``first`` of a tile with such strides: velocity, and its moment along each axis.
+def _lever(w: Any, f: Any):
+    """Weights of the three nodes of an axis times their distances [cells] from a particle."""
+    d = _arms(f)
+    return vec(w[0] * d[0], w[1] * d[1], w[2] * d[2])
 
-    The velocity is weighted by ``w`` along all axes. A moment has ``a`` in place of ``w`` along its axis: weights times arms, or
-    slopes of the weights. All are products over the axes and are summed axis by axis.
+
+def _gather(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int):
+    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``.
+
+    The nodes lie in a tile with such strides. All are products over the axes and are summed axis by axis.
     """
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
+    ax = _lever(wx, f[0])
+    ay = _lever(wy, f[1])
+    az = _lever(wz, f[2])
     v = vec(real(0.0), real(0.0), real(0.0))
     x = vec(real(0.0), real(0.0), real(0.0))
     y = vec(real(0.0), real(0.0), real(0.0))
@@ -80,20 +91,6 @@ def _moments(tile: Tile, first: int, stride_x: int, stride_y: int, wx: Any, wy: 
         y += wx[i] * yi
         z += wx[i] * zi
     return v, x, y, z
-
-
-def _lever(w: Any, f: Any):
-    """Weights of the three nodes of an axis times their distances [cells] from a particle."""
-    d = _arms(f)
-    return vec(w[0] * d[0], w[1] * d[1], w[2] * d[2])
-
-
-def _gather(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int):
-    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``."""
-    wx = weights(f[0])
-    wy = weights(f[1])
-    wz = weights(f[2])
-    return _moments(tile, first, stride_x, stride_y, wx, wy, wz, _lever(wx, f[0]), _lever(wy, f[1]), _lever(wz, f[2]))
 
 
 def _held(room: Tile, staged: int, n: int):
@@ -143,7 +140,9 @@ def _strain_in_place(
 ):  # fmt: skip
     """Law of a particle that stays, in a further substep, from the nodes at ``first`` of tiles of 6 x 6 x 6.
 
-    XX"""
+    ``gone``: whether the nodes have gone any way before, which ``ways`` holds then. Returns offset, velocity, that way [m], columns
+    of the impulse of its internal force and dissipated energy [J].
+    """
     _m, volume, history, B, f = _particle_of(room, staged)
     v, x, y, z = _gather(f, tile, first, 36, 6)
     way = vec(real(0.0), real(0.0), real(0.0))

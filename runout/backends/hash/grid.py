@@ -69,17 +69,16 @@ class NodeArrays:
     """
 
     def __init__(
-        self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False,
-        structured: bool = False, dragged: int = 0, substepped: bool = False,
+        self, index: Index, store: Store, number: Any, areas: bool = False, structured: bool = False,
+        dragged: int = 0, substepped: bool = False,
     ):  # fmt: skip
         capacity, particles, ordered = index.capacity, store.size, index.ordered
-        self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
-        self.listed_later = averaged or substepped  # the lists of all particles are needed behind all contact
+        self.number, self.generation, self.slots, self.places = number, 0, -1, -1
+        self.listed_later = substepped  # the lists of all particles are needed behind all contact
         self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
-        layers, self.nothing = layers_of(kept, substepped, ordered), wp.zeros(0, dtype=wp.int32)
+        layers, self.nothing = layers_of(substepped, ordered), wp.zeros(0, dtype=wp.int32)
         self.grid = wp.zeros(max(layers * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
-        self.dilated = wp.zeros(capacity * 64 * (averaged and not ordered), dtype=self.vec4)
         self.arenas = wp.zeros(capacity * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(capacity * ordered, dtype=wp.int32)
         apart = self.listed_later or structured  # they are needed behind contact with the ground

@@ -15,15 +15,12 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _deform, _deform_on_way, _slopes
-from runout.backends.hash.gradients import _deform_by_rates, _load_given
 from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, Home, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     FAILED,
     GONE,
-    GRADIENT_TRANSFER,
     HALT,
     HOMES,
-    KEPT,
     LEFT_INDEX,
     NOT_NEGATIVE,
     OFFSET,
@@ -31,14 +28,12 @@ from runout.backends.hash.layout import (
     PLACES,
     SECTOR,
     SUBSTEPPED,
-    TWO_LAYERS,
     UNSTABLE,
     WARP,
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
     Materials,
-    Nodes,
     Rows,
     Table2,
     Tile,
@@ -187,26 +182,14 @@ def _release_at(particles: ParticleGroup, constants: Constants, p: int):
     return release
 
 
-def _load_more(more: Tile, grid: Nodes, around: Table2, b: int, lane: int, keeps: Any):
-    """Load the second layer of the nodes around a block: what particles gave, or ways."""
-    if GRADIENT_TRANSFER:
-        _load_given(more, grid, around, b, lane, keeps)
-    if SUBSTEPPED:
-        _load_wide(more, grid, around, b, lane, 1)
-
-
 def _deform_by_two(
-    particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, room: Tile, staged: int, tile: Tile, more: Tile,
-    corner: int, mat: Any, slopes: Any, rates: Vector, scene: int,
+    particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, room: Tile, staged: int, tile: Tile, ways: Tile,
+    corner: int, mat: Any, slopes: Any, scene: int,
 ):  # fmt: skip
-    """As ``_deform`` from two layers of the nodes; returns the velocity that moves a particle in a step, and then its own."""
-    if GRADIENT_TRANSFER:
-        f, v, own, work = _deform_by_rates(particles, scenes, constants, p, room, staged, tile, more, corner, mat, rates, scene)
-    if SUBSTEPPED:
-        of_way = _slopes(real(1.0), constants.h)
-        f, own, way, work = _deform_on_way(particles.rec, p, room, staged, tile, more, corner, mat, slopes, of_way)
-        v = own + way / scenes.clock[scene, 0]
-    return f, v, own, work
+    """As ``_deform`` after several substeps; returns the velocity that moves a particle in a substep, and then its own."""
+    of_way = _slopes(real(1.0), constants.h)
+    f, own, way, work = _deform_on_way(particles.rec, p, room, staged, tile, ways, corner, mat, slopes, of_way)
+    return f, own + way / scenes.clock[scene, 0], own, work
 
 
 def _moved(
@@ -255,9 +238,9 @@ def grid_to_particles(
         scene = blocks.member[b] & NOT_NEGATIVE
         dt = scenes.clock[scene, 0]
         slopes = _slopes(dt, constants.h)
-        if TWO_LAYERS:
-            more = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
-            _load_more(more, grid.nodes, blocks.around, b, lane, scenes.clock[scene, KEPT])
+        if SUBSTEPPED:
+            ways = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
+            _load_wide(ways, grid.nodes, blocks.around, b, lane, 1)
         rates = _rates(dt, constants.h)
         home = _home(blocks, scenes, b, scene)
         fastest, lost = real(0.0), wp.float64(0.0)
@@ -282,9 +265,9 @@ def grid_to_particles(
                     cell = _cell_from_home(home, k, blocks.coordinates)
                     mat = mats[release]
                     corner = ((cell[0] + 1) * WIDE_X + (cell[1] + 1) * WIDE_Y + cell[2] + 1) & PLACES
-                    if TWO_LAYERS:
+                    if SUBSTEPPED:
                         f, v, own, work = _deform_by_two(
-                            particles, scenes, constants, p, room, staged, tile, more, corner, mat, slopes, rates, scene
+                            particles, scenes, constants, p, room, staged, tile, ways, corner, mat, slopes, scene
                         )
                         fastest = wp.max(fastest, dot(own, own))
                     else:

@@ -44,7 +44,6 @@ class ParticleGroup:
     rec: Rows  # (24, n) record of each particle, a column a particle: see runout.backends.hash.layout
     radius: Reals  # (n,) [m]; a particle touches the ground when its centre is this near
     release: Shorts  # (n,) int16, number of the release among those of all scenes
-    stress: Rows  # (6, n) Kirchhoff stress [Pa] while nodes take it; (6, 0) if the records hold the stress
     number: Ints  # (n,) place among the particles as they were loaded
     forces: Nodes  # (loaded,) by that place: stamp of the step of the last contact, and the force of the ground then [N]
     key: Ints  # (n,) 64 block + cell; -2 - key for a particle that has left the domain, -1 for no particle
@@ -79,7 +78,6 @@ class GridGroup:
     """Arrays by node, and what is booked by block; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
 
     nodes: Nodes  # (64 blocks,) mass [kg] and momentum [kg m/s], later velocity [m/s]; behind them others, see NodeArrays.layers
-    dilated: Nodes  # (64 blocks,) volume [m3] and volume times dilatation, for F-bar; else empty
     arenas: Nodes  # (216 blocks,) sums of each block over its tile, for sums in fixed order; else empty
     held: Ints  # (blocks,) particles of the block, for sums in fixed order; else empty
     booked: Doubles2  # (blocks, 6) dissipation [J], work of the ground [J], its impulse (3) [N s], dissipation by a second warp [J]
@@ -137,7 +135,7 @@ class StatusGroup:
 class SceneGroup:
     """Arrays by scene; owned by :class:`runout.backends.hash.scenes.SceneArrays`."""
 
-    clock: Rows  # (scenes, 10) time step [s], g dt (3) [m/s], reach of contact [m], and what the transfer does
+    clock: Rows  # (scenes, 7) time step [s], g dt (3) [m/s], reach of contact [m], length of the transfer [s], and its substeps
     left: Ints  # (scenes,) steps that are left
     steps: Reals  # (scenes,) time step while steps are left [s]
     step_counts: Ints  # (scenes,) steps so far

@@ -7,7 +7,6 @@ They are compiled in sets by what they depend on beside the number type, so that
     law                    law of the material
     friction               law of friction of the ground, its zones, and order of sums
     structures             order of sums
-    transfer, transfer.*   the same for transfers apic and aflip and for F-bar: what differs from the packed form
     substeps.*             the same for transfers of several substeps: what differs from those of one
 """
 
@@ -27,8 +26,6 @@ from runout.backends.hash import (
     contact_detection,
     contact_solution,
     deform,
-    forces,
-    gradients,
     grid_to_particles,
     ground,
     index,
@@ -60,7 +57,7 @@ SUM_KERNELS = ("particles_to_grid", "find_contacts", "list_cells", "note_up", "s
 STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
 STRUCTURE_KERNELS = (*STRUCTURE_WARP_KERNELS, "note_beside", "require_beside", "carry_sums", "settle_impulses")
 LANES = {  # of a block; other kernels have PARTICLE_LANES
-    **dict.fromkeys(("particles_to_grid", "grid_to_particles", "strain_in_place", "add_forces", "spread_dilatation"), CELL_LANES),
+    **dict.fromkeys(("particles_to_grid", "grid_to_particles", "strain_in_place"), CELL_LANES),
     **dict.fromkeys(("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks"), WARP),
     **dict.fromkeys(STRUCTURE_WARP_KERNELS, WARP),
 }
@@ -73,7 +70,6 @@ FLOAT32_BLOCKS = {
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes
 STRUCTURE_BLOCKS = dict.fromkeys(STRUCTURE_WARP_KERNELS, (WARP, 20)) | {"find_entering": (WARP, 16)}
-GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
 @dataclass(frozen=True)
@@ -90,8 +86,6 @@ class Kind:
         Threads of a block, and blocks that share a multiprocessor, of kernels in single precision.
     fast : tuple of int
         Kernels with these numbers of lanes divide and take roots to the last bit but one: a fifth of the time of contact.
-    gradient_transfer : bool
-        The set is for a transfer other than the packed one, or for F-bar.
     substepped : bool
         The set is for transfers of several substeps.
     """
@@ -100,14 +94,7 @@ class Kind:
     wanted: Callable[[str], bool]
     blocks: dict[str, tuple[int, int]] = field(default_factory=dict)
     fast: tuple[int, ...] = (CELL_LANES, WARP)
-    gradient_transfer: bool = False
     substepped: bool = False
-
-
-def _transfer(*kernels: str) -> Kind:
-    """A set of kernels of gradient transfers."""
-    sources = stencil, zones, contact_area, column_drag, nodes, contact_solution, deform, gradients, forces, grid_to_particles
-    return Kind(sources, kernels.__contains__, GRADIENT_BLOCKS, (), True)
 
 
 def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP)) -> Kind:
@@ -137,10 +124,6 @@ KINDS = {
         (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance, structure_detection,
         structure_solution, structure_entry), STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,),
     ),
-    "transfer": _transfer("note_given", "add_nodes", "close_step"),
-    "transfer.sums": _transfer("add_forces", "spread_dilatation", "average_dilatation"),
-    "transfer.law": _transfer("grid_to_particles", "take_stresses"),
-    "transfer.friction": _transfer("update_nodes"),
     "substeps.sums": _substeps("resume_nodes", "close_step", "find_contacts"),
     "substeps.law": _substeps("grid_to_particles", "strain_in_place"),
     "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
@@ -213,9 +196,7 @@ def _kernels_of(
     label = ".".join([NAME, kind, *(given.name for given in (law, friction) if given), precision]) + chosen
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
     names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
-    names |= {"GRADIENT_TRANSFER": what.gradient_transfer, "SUBSTEPPED": what.substepped}
-    two_layers = what.gradient_transfer or what.substepped
-    names |= {"TWO_LAYERS": two_layers, "COUNTED_AT_ONCE": not two_layers, "LIMITS_START": area and not what.substepped}
+    names |= {"SUBSTEPPED": what.substepped, "COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
     needed = {"slow_nodes": drags, "slow_columns": drags and ordered, "find_contacts": area or not what.substepped}
@@ -233,24 +214,19 @@ def _kernels_of(
 
 @cache
 def compiled_kernels(
-    law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False,
-    structured: bool = False, substepped: bool = False,
+    law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, structured: bool = False,
+    substepped: bool = False,
 ) -> SimpleNamespace:  # fmt: skip
     """Kernels for laws of material and ``friction`` and a number type.
 
-    ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``gradient_transfer``: a transfer other than
-    the packed one, or F-bar, ``structured``: contact with structures, ``substepped``: transfers of several substeps, for which
-    ``later`` holds all kernels. ``modules`` are the warp modules.
+    ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``structured``: contact with structures,
+    ``substepped``: transfers of several substeps, for which ``later`` holds all kernels. ``modules`` are the warp modules.
     """
     real, drags = _number(precision), friction.drags_column
     of_sums = {"ordered": ordered, "area": friction.uses_area, "drags": drags}
     of_friction: dict[str, Any] = of_sums | {"friction": friction, "zoned": zoned}
     found = _kernels_of("common", precision) | _kernels_of("sums", precision, **of_sums)
     found |= _kernels_of("law", precision, law) | _kernels_of("friction", precision, **of_friction)
-    if gradient_transfer:
-        found |= _kernels_of("transfer", precision) | _kernels_of("transfer.sums", precision, **of_sums | {"area": drags})
-        found |= _kernels_of("transfer.law", precision, law)
-        found |= _kernels_of("transfer.friction", precision, **of_friction | {"zoned": zoned and drags})
     kernels = SimpleNamespace(**found, record=law_record(law, real), friction_record=law_record(friction, real))
     if structured:
         vars(kernels).update(_kernels_of("structures", precision, friction=FRICTION, ordered=ordered))

@@ -56,13 +56,10 @@ ZONED = False  # friction zones on the ground; the binding decides
 DRAGS_COLUMN = False  # drag slows whole columns of nodes; the binding decides
 AREAS = False  # the law of friction uses the ground area of a contact; the binding decides
 AREAS_AT_ONCE, DRAGS_AT_ONCE = False, False  # the same two where sums over columns of nodes need no fixed order, likewise
-GRADIENT_TRANSFER = False  # transfer apic or aflip, or F-bar; the binding decides
-TWO_LAYERS = False  # either: particles read two layers of numbers by node; the binding decides
-COUNTED_AT_ONCE = True  # neither: warp takes branches by constants, not by their negation
 LIMITS_START = False  # fast contacts start from no force of the step before; the binding decides
 SUBSTEPPED = False  # further substeps of a transfer, and its end; the binding decides
-KEPT, AVERAGED, BY_SLOPES = 5, 6, 7  # of a row of the clock: what the transfer does
-LASTING, SUBSTEPS, CLOCK = 8, 9, 10  # likewise: length [s] of a transfer, and its substeps; numbers in all
+COUNTED_AT_ONCE = True  # the contrary: warp takes branches by constants, not by their negation
+LASTING, SUBSTEPS, CLOCK = 5, 6, 7  # of a row of the clock: length [s] of a transfer, and its substeps; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
 BASES = 12  # of a tile: where its eight blocks begin in the grid, and its four columns of blocks in the plan
@@ -100,10 +97,9 @@ ALL_AT_WORK = 1500  # pieces from which on every multiprocessor of a large GPU h
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 
-def layers_of(kept: bool, substepped: bool, ordered: bool) -> int:
-    """Layers of numbers by node: nodes; where particles keep slips, what they gave; with substeps, ways and, unless sums are
-    ordered, forces."""
-    return 1 + kept + (2 - ordered) * substepped
+def layers_of(substepped: bool, ordered: bool) -> int:
+    """Layers of numbers by node: nodes; with substeps, ways and, unless sums are ordered, forces."""
+    return 1 + (2 - ordered) * substepped
 
 
 def run(kernel: Any, dim: int | tuple[int, int], *arguments: Any) -> None:

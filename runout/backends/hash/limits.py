@@ -1,9 +1,8 @@
 """Largest numbers that a run can address: kernels compute indices in 32 bits, and warp keeps the stride of a row in 32 bits.
 
     array                       numbers                                        largest
-    memory, stress              a row of 4 or 8 bytes by particle              536870911 particles, 268435455 in float64
+    memory                      a row of 4 or 8 bytes by particle              536870911 particles, 268435455 in float64
     ends, pressed_start         65 by block                                    33038209 blocks
-    nodes                       64 by block, 128 where aflip keeps slips       16777215 blocks
     nodes                       192 by block where transfers have substeps     11184810 blocks
     arenas                      216 by block, where sums have a fixed order    9942053 blocks
     column_pushes, masses       36 by block, and by release with own friction  59652323 blocks, over releases
@@ -35,15 +34,15 @@ def largest_particles(number: int) -> int:
 
 
 def largest_blocks(
-    ordered: bool, kept: bool = False, friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1, substepped: bool = False
-) -> int:  # fmt: skip
+    ordered: bool, friction: BasalFriction | FrictionLaw | None = None, mixed: int = 1, substepped: bool = False
+) -> int:
     """Most blocks of all scenes of a run.
 
-    ``ordered``: sums have a fixed order. ``kept``: aflip keeps slips. ``mixed``: releases whose frictions differ, 1 if all are
-    alike; they count where the law of ``friction`` drags columns. ``substepped``: transfers may have several substeps.
+    ``ordered``: sums have a fixed order. ``mixed``: releases whose frictions differ, 1 if all are alike; they count where the law
+    of ``friction`` drags columns. ``substepped``: transfers may have several substeps.
     """
     columns = PLAN * mixed * bool(friction and friction.drags_column)
-    return LARGEST_INDEX // max(STARTS, NODES * layers_of(kept, substepped, ordered), TILE * ordered, columns)
+    return LARGEST_INDEX // max(STARTS, NODES * layers_of(substepped, ordered), TILE * ordered, columns)
 
 
 def largest_in_contact() -> int:

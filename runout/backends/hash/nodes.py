@@ -128,7 +128,6 @@ def update_nodes(
 
     If ``slowing``, also after drag on the columns of nodes.
 
-    That bounds particles of the packed form only: those that keep a part of their own velocity may be faster than every node.
     ``close_step`` does what is left to do where something behind this launch still needs the lists of the cells.
     """
     t = wp.tid()

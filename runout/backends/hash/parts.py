@@ -43,9 +43,8 @@ class Parts:
 
     def make_nodes(self) -> None:
         """New arrays by block for the present index."""
-        scenes, substepped = self.scenes.scenes, self.scenes.substepped
         dragged = self.drags_column * self.scenes.mixed
-        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area, self.structures is not None, dragged, substepped
+        choices = self.uses_area, self.structures is not None, dragged, self.scenes.substepped
         self.nodes = NodeArrays(self.index, self.store, self.scenes.number, *choices)
         if self.structures:
             self.structures.make_nodes(self.index, self.store, self.nodes)

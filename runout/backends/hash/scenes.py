@@ -1,7 +1,6 @@
 """Arrays by scene, the numbers that all scenes share, and their time steps.
 
-    clock    scene 0: [dt | g dt x, y, z | reach of contact | slips kept | dilatation averaged | gradients of the weights | length
-             of a transfer | its substeps], scene 1: [ ...
+    clock    scene 0: [dt | g dt x, y, z | reach of contact | length of a transfer | its substeps], scene 1: [ ...
     shift    scenes lie one behind the other to the north in the index; each starts at its own node, 0, 4 rows, 8 rows, ...
     density  release 0 of scene 0, release 1 of scene 0, ..., release 0 of scene 1, ...
 
@@ -10,7 +9,6 @@ Every release of every scene has a number of its own: materials, densities and f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +17,7 @@ import warp as wp
 from runout.backends.hash import limits
 from runout.backends.hash.block_numbers import GAP
 from runout.backends.hash.groups import filled
-from runout.backends.hash.layout import CLOCK, KEPT, LASTING, SUBSTEPS
+from runout.backends.hash.layout import CLOCK, LASTING, SUBSTEPS
 from runout.backends.hash.unknown import UnknownCells
 from runout.backends.hash.validation import LARGEST_BLOCK, extent
 from runout.backends.hash.zones import Zones
@@ -93,25 +91,18 @@ class SceneArrays:
 
     def largest_blocks(self, ordered: bool) -> int:
         """Blocks that a run can address; ``ordered``: sums have a fixed order."""
-        kept = any(s.keeps for s in self.scenes)
-        return limits.largest_blocks(ordered, kept, self.scenes[0].basal.law, self.mixed, self.substepped)
+        return limits.largest_blocks(ordered, self.scenes[0].basal.law, self.mixed, self.substepped)
 
     def set_steps(self, now: np.ndarray, substeps: np.ndarray | None = None) -> None:
         """Time steps [s] of the scenes and the ``substeps`` of their transfers (1) to the device, and what depends on them."""
         first, clock = self.scenes[0], np.zeros((len(now), CLOCK))
         self.substeps = np.ones(len(now), np.int64) if substeps is None else substeps
         self.group.steps.assign(now.astype(first.dtype))
-        self.group.packed.assign((now * first.packed).astype(first.dtype))
+        self.group.packed.assign(now.astype(first.dtype))
         clock[:, 1:4] = now[:, None] * np.array(first.gravity)
-        clock[:, KEPT:LASTING] = choices(self.scenes)
         clock[:, LASTING], clock[:, SUBSTEPS] = now * self.substeps, self.substeps
         self.group.clock.assign(clock.astype(first.dtype))
         if first.law.depends_on_rate:
             for step, begin, end in zip(now, self.first_release[:-1], self.first_release[1:], strict=True):
                 first.law.set_step(self.table[begin:end], step)
             wp.copy(self.materials, wp.array(self.table, dtype=self.materials.dtype))
-
-
-def choices(scenes: Sequence[Scene]) -> np.ndarray:
-    """Columns (scenes, 3) of the clock: slips kept, dilatation averaged, gradients by the slopes of the weights."""
-    return np.array([(s.keeps, s.f_bar, not s.packed) for s in scenes], float)

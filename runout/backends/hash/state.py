@@ -45,8 +45,7 @@ from runout.model.particles import Particles
 class Store:
     """Particle arrays on the device of the scope.
 
-    Its arrays are those of :class:`runout.backends.hash.groups.ParticleGroup`; ``stress`` only if it is ``stressed``: with
-    transfers whose records hold none.
+    Its arrays are those of :class:`runout.backends.hash.groups.ParticleGroup`.
 
     Attributes
     ----------
@@ -61,7 +60,7 @@ class Store:
         Releases of the particles.
     """
 
-    def __init__(self, identity: np.ndarray, number: Any, stressed: bool = False, size: int | None = None):
+    def __init__(self, identity: np.ndarray, number: Any, size: int | None = None):
         self.identity, self.size = identity, len(identity) if size is None else size
         self.put_releases: set[int] = set()
         self.n = size = self.size
@@ -69,7 +68,6 @@ class Store:
         self.spare = SPARE if size < FEW else 0
         self.memory = wp.zeros((ROWS + 1 + self.spare, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
-        self.stress = wp.zeros((6, size * stressed), dtype=number)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
         self.struct = groups_of(number).ParticleGroup
         self._take_turn(0)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from runout.backends.hash import gradient_transfer
 from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
@@ -23,7 +22,6 @@ from runout.backends.hash.substeps import FIRST
 def enqueue(parts: Parts, substeps: int = 1) -> None:
     """Launches of a transfer of at most so many ``substeps``."""
     particles_to_grid(parts)
-    gradient_transfer.push(parts)
     later = parts.k.later if substeps > 1 else parts.k
     move_nodes(parts, parts.k, later)
     for turn in range(FIRST, substeps + 1):
@@ -31,7 +29,6 @@ def enqueue(parts: Parts, substeps: int = 1) -> None:
         move_nodes(parts, later, later)
     if substeps > 1:
         close_step(parts, later)
-    gradient_transfer.average(parts)
     grid_to_particles(parts, later)
     parts.scenes.unknown.let_escape(parts)
     list_cells(parts)

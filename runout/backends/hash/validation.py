@@ -18,10 +18,7 @@ def extent(scene: Scene) -> np.ndarray:
 
 def require_alike(scenes: Sequence[Scene]) -> None:
     """ConfigError unless scenes can be stepped together, and by this backend."""
-    for s in scenes:
-        if s.sleep_speed:
-            raise ConfigError("sleep_speed works on scan, not on hash; set backend to scan, or leave it out")
-    for name in ("spacing", "gravity", "precision", "contact_band", "transfer", "f_bar"):
+    for name in ("spacing", "gravity", "precision", "contact_band"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:
             raise ConfigError(f"scenes that run in one batch must share {name}; these have {sorted(values)}")

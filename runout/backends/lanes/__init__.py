@@ -20,7 +20,7 @@ from runout.backends.lanes.memory import (
     row_vectors,
     store,
 )
-from runout.backends.lanes.shuffles import constant, permutation, permutation_of_two, splat
+from runout.backends.lanes.shuffles import constant, permutation, permutation_of_two
 from runout.backends.lanes.vectors import (
     LANES,
     any_lane,
@@ -55,7 +55,6 @@ __all__ = [
     "record_vectors",
     "row_vectors",
     "select",
-    "splat",
     "store",
     "whole",
 ]

@@ -6,7 +6,7 @@ from typing import Any
 from llvmlite import ir
 from numba.extending import intrinsic
 
-from runout.backends.lanes.vectors import LANES, Vec, indices, spread
+from runout.backends.lanes.vectors import Vec, indices
 
 
 def constant(lanes: Sequence[float]) -> Any:
@@ -51,13 +51,3 @@ def permutation_of_two(lanes: Sequence[int]) -> Any:
         return Vec(a.element, len(chosen))(a, b), emit
 
     return permuted
-
-
-@intrinsic
-def splat(typing: Any, scalar: Any) -> Any:
-    """Vector with a number in every lane."""
-
-    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return spread(builder, args[0], LANES)
-
-    return Vec(scalar, LANES)(scalar), emit

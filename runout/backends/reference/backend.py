@@ -1,7 +1,7 @@
 """Reference backend: one dense grid around all particles, NumPy in float64.
 
 Slow and simple; the others are tested against it. Quadratic B-splines, APIC with the stress packed into the affine matrix (Hu
-et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by gradients of weights, symplectic Euler, one ground impulse per contact particle.
+et al. 2018, ACM TOG 37:150, eq. 16 to 29), symplectic Euler, one ground impulse per contact particle.
 """
 
 from functools import cache, partial
@@ -19,14 +19,13 @@ from runout.backends.reference.contact import Contacts
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.reference.structures import StructureContacts
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.errors import ConfigError, StabilityError
+from runout.errors import StabilityError
 from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.laws import Law
 from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, require_index_range
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline, contact, substeps
-from runout.physics.transfers import dilatation, kept_velocity, with_dilatation
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
 
@@ -66,8 +65,6 @@ class ReferenceBackend:
 
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Load a scene and its particles; sums and counters start at zero."""
-        if scene.sleep_speed:
-            raise ConfigError("sleep_speed works on scan, not on reference; set backend to scan, or leave it out")
         given = gathered(particles)
         require_index_range(given.node, scene.spacing)
         self.counters, self.scene = Counters(), scene
@@ -103,7 +100,7 @@ class ReferenceBackend:
             return
         self.counters.rebuilds += 1
         stencils = Stencils(self._p, self.spacing, self.period)
-        mass, given, velocity = self._particles_to_grid(stencils, dt)
+        mass, velocity = self._particles_to_grid(stencils, dt)
         moved, lasting = _Motion.none(len(self._p)), substeps * dt
         on_ground = self._find_ground(stencils, lasting) if self.scene.surface is not None else None
         on_structures = self.structures.find(self._p, lasting) if self.structures else None
@@ -117,12 +114,9 @@ class ReferenceBackend:
             if self.structures and on_structures:
                 share = 1.0 if substep else self._share
                 self.structures.touch(self._p, on_structures, moved.way, stencils, mass, velocity, dt, share)
-        slips = self._slips(stencils, given) if self.scene.keeps else ()
         self._grid_to_particles(stencils, velocity, dt, moved)
         self._pushes = []
         self._move(moved.way, lasting)
-        for mine, slip in zip((self._p.velocity, self._p.affine), slips, strict=False):
-            mine[:] = np.stack(kept_velocity(np.moveaxis(mine, -1, 0), np.moveaxis(slip, -1, 0), self.scene.keeps), axis=-1)
         self._let_escape()
 
     def push(self, change: np.ndarray) -> None:
@@ -182,21 +176,14 @@ class ReferenceBackend:
         """Sums over the cells of the lattice of footprints."""
         return footprints.lattice_columns(self.scene, self._p, self.particle_volume)
 
-    def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodal mass (nodes, 1) [kg], velocity (nodes, 3) [m/s] as given by particles, and with internal force and gravity.
-
-        In the packed form both are one sum, and what particles give is not known by itself.
-        """
+    def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Nodal mass (nodes, 1) [kg], and velocity (nodes, 3) [m/s] as given by particles, with internal force and gravity."""
         p, (stress, _) = self._p, self._stress_and_energy()
         impulse = (-dt * p.volume)[:, None, None] * stress[:, MATRIX]
-        affine = p.mass[:, None, None] * p.affine
-        if self.scene.packed:
-            affine += impulse * self.inverse_inertia
+        affine = p.mass[:, None, None] * p.affine + impulse * self.inverse_inertia
         momentum = (p.mass[:, None] * p.velocity)[:, None, :] + np.einsum("pij,pnj->pni", affine, stencils.arm)
         mass = stencils.scatter(p.mass[:, None])
-        given = quotient(stencils.scatter(momentum), mass)
-        force = 0.0 if self.scene.packed else quotient(stencils.scatter_slopes(impulse), mass)
-        return mass, given, given + force + dt * np.array(self.scene.gravity)
+        return mass, quotient(stencils.scatter(momentum), mass) + dt * np.array(self.scene.gravity)
 
     def _pushed_nodes(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, moved: "_Motion") -> np.ndarray:
         """Nodal velocities with the internal force of the present stress, gravity and a body force over a substep."""
@@ -221,7 +208,7 @@ class ReferenceBackend:
         gap, normal = self._ground_ahead(self._p.take(chosen), x[chosen], way)
         area = contact_areas(self.scene, stencils, chosen, normal[:, 2])
         basal = self.basal[self.scene.basal.rows(self._p.release[chosen], *(x[chosen] + way).T[:2])]
-        return Contacts(chosen, gap, normal, compliance, area, basal)
+        return Contacts(chosen, gap, normal, area, basal)
 
     def _ground_ahead(self, p: Particles, x: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gap [m] of particles at ``x`` (n, 3) [m] from the tangent plane of the ground at the end of a ``way`` (n, 3) [m], and
@@ -250,24 +237,13 @@ class ReferenceBackend:
             done, push = slow_columns(self.scene, self._p, stencils, mass, velocity, stencils.scatter(drags, chosen), dt)
             self._basal, self._basal_impulse = self._basal - done, self._basal_impulse + push
 
-    def _slips(self, stencils: Stencils, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the nodes have not seen of velocities (n, 3) [m/s] and affine matrices (n, 3, 3) [1/s]."""
-        return self._p.velocity - stencils.gather(given), self._p.affine - self._affine(stencils, given)
-
-    def _affine(self, stencils: Stencils, velocity: np.ndarray) -> np.ndarray:
-        """Affine matrices (n, 3, 3) [1/s] of nodal velocities."""
-        seen = velocity[stencils.node]
-        return np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia  # type: ignore[no-any-return]
-
     def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float, moved: "_Motion") -> None:
         """Velocities and strain of the particles after a substep; adds it to what they have ``moved`` in the transfer."""
-        p, work = self._p, np.zeros(len(self._p))
-        p.velocity, p.affine = stencils.gather(velocity), self._affine(stencils, velocity)
-        gradient = dt * (p.affine if self.scene.packed else stencils.gradient(velocity)).reshape(-1, 9)
+        p, work, seen = self._p, np.zeros(len(self._p)), velocity[stencils.node]
+        p.velocity = stencils.gather(velocity)
+        p.affine = np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia
+        gradient = dt * p.affine.reshape(-1, 9)
         moved.way[:] += dt * p.velocity
-        if self.scene.f_bar:
-            mean = stencils.gather(stencils.average(p.volume, dilatation(gradient.T)))[:, 0]
-            gradient = np.column_stack(with_dilatation(gradient.T, mean, 1.0))
         self.loops.follow_deformation(gradient, moved.deformation)
         self.scene.law.set_step(self.table, dt)
         self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, work)

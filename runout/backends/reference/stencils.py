@@ -17,7 +17,7 @@ class Stencils:
 
     ``shape`` (3,) is the size of the grid, ``size`` its number of nodes, ``height`` that of a column, ``first`` (3,) its first
     node, which may be negative. ``node`` (n, 27) are places in the flattened grid, ``weight`` (n, 27) [1], ``arm`` (n, 27, 3) [m]
-    vectors from the particle to the nodes, ``slope`` (n, 27, 3) [1/m] gradients of the weights.
+    vectors from the particle to the nodes.
     """
 
     def __init__(self, particles: Particles, spacing: np.ndarray, period: np.ndarray):
@@ -30,34 +30,17 @@ class Stencils:
         self.node = (i * shape[1] + j) * shape[2] + k
         w = np.stack(bspline.weights(particles.offset), axis=-1)[:, range(3), STENCIL]
         self.weight = w.prod(axis=2)
-        slopes = np.stack(bspline.weight_slopes(particles.offset), axis=-1)[:, range(3), STENCIL] / spacing
-        self.slope = slopes * np.roll(w, 1, axis=2) * np.roll(w, 2, axis=2)
         self.arm = (STENCIL - particles.offset[:, None, :]) * spacing
 
     def scatter(self, values: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
         """Weighted sum over particles of values (n, k) or at their nodes (n, 27, k): (nodes, k)."""
         parts = self.weight[chosen][..., None] * (values if values.ndim == 3 else values[:, None, :])
-        return self._sums(parts, chosen)
+        place = self.node[chosen].ravel()
+        return np.stack([np.bincount(place, part.ravel(), self.size) for part in np.moveaxis(parts, -1, 0)], axis=-1)
 
     def gather(self, values: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
         """Weighted mean of nodal values (nodes, k) at the particles: (n, k)."""
         return np.einsum("pn,pnk->pk", self.weight[chosen], values[self.node[chosen]])
-
-    def scatter_slopes(self, tensors: np.ndarray) -> np.ndarray:
-        """Sum over particles of tensors (n, 3, 3) times the gradients of their weights: (nodes, 3)."""
-        return self._sums(np.einsum("pij,pnj->pni", tensors, self.slope))
-
-    def gradient(self, values: np.ndarray) -> np.ndarray:
-        """Gradient of nodal values (nodes, k) at the particles: (n, k, 3)."""
-        return np.einsum("pnk,pnj->pkj", values[self.node], self.slope)
-
-    def average(self, share: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Mean (nodes, 1) over particles of values (n,), each with its weight times its share (n,); zero without particles."""
-        return quotient(self.scatter((share * values)[:, None]), self.scatter(share[:, None]))
-
-    def _sums(self, parts: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
-        place = self.node[chosen].ravel()
-        return np.stack([np.bincount(place, part.ravel(), self.size) for part in np.moveaxis(parts, -1, 0)], axis=-1)
 
 
 def quotient(sums: np.ndarray, mass: np.ndarray) -> np.ndarray:

@@ -16,8 +16,7 @@ draws the arrays of its phase. ``substep`` is a phase of transfers of several su
     warm_up       small scenes for precompile   shared_parts work that processes share
     deferred_code machine code of kernels only
 
-For some scenes only: ``zones`` (friction zones), ``forces``, ``gradients`` and ``gradient_transfer`` (transfers apic and aflip,
-F-bar), ``sleep`` and ``rest`` (blocks at rest).
+For some scenes only: ``zones`` (friction zones).
 
 Each sum has an order that does not depend on the number of threads: a block adds its particles to an arena, and each node adds
 the up to eight arenas that overlap it.

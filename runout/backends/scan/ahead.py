@@ -16,7 +16,7 @@ from runout.model.materials import Material
 from runout.model.scene import Scene
 
 LOOK_SECONDS = 0.2  # between two looks at what is compiled
-KERNELS = 34  # that a run calls without sleep, another transfer or several substeps
+KERNELS = 34  # that a run calls without several substeps
 
 
 class CompilingAhead:

@@ -2,7 +2,7 @@
 
 A step calls one phase after the other; the parts hold what the phases share.
 
-    index -> particles to grid (with contact detection) -> contact solution -> grid to particles -> sort -> sleep
+    index -> particles to grid (with contact detection) -> contact solution -> grid to particles -> sort
                                     for further substeps:  substep -> contact solution -> ...
 
     store      particles by slot                 runout.backends.scan.state
@@ -16,16 +16,14 @@ A step calls one phase after the other; the parts hold what the phases share.
 import math
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
-from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
+from runout.backends.scan import checkpoint, grid, grid_to_particles
 from runout.backends.scan.constants import Tables
-from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
 from runout.backends.scan.index import Index
 from runout.backends.scan.kernels import entries_for, reads_nodes
 from runout.backends.scan.raster_sums import Summed
@@ -79,7 +77,6 @@ class ScanBackend:
         """Take over a scene and its particles."""
         nodes, speed = surveyed(particles)
         self.scene, self.k, self.counters = scene, entries_for(scene), Counters()
-        self.gradients = GradientTransfer(scene) if uses_gradient_transfer(scene) else None
         self.workers.divide(len(nodes))
         self.totals = Totals(speed)
         corner = node_range(nodes)[0] if len(nodes) else np.zeros(3, np.int64)
@@ -122,15 +119,12 @@ class ScanBackend:
         self.k.mark_slots(self.store.particles, self.index.blocks)
 
     def _rebuild(self, old: Index, former: Workspace | None = None) -> None:
-        """Find the blocks anew. Particles keep their slots, and blocks that sleep in the ``former`` arrays sleep on."""
+        """Find the blocks anew. Particles keep their slots, and contacts the room that they had in the ``former`` arrays."""
         self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         self.k.hand_over_slots(old.blocks, numbers, self.index.blocks)
         if any(self.period):
             self.index.join_ends(self.period)
         self._make_workspace(former)
-        if former is not None and self.scene.sleep_speed:
-            sleep.carry_over(former.sleep, old.blocks.held, numbers, self.workspace.sleep)
-            self.k.share_work(self.index.blocks, self.workspace.sleep)
 
     def _close_gaps(self) -> None:
         """Close the gaps between the slots of blocks; make more slots if that gains few."""
@@ -146,7 +140,7 @@ class ScanBackend:
     def _make_workspace(self, former: Workspace | None = None) -> None:
         """Arrays by block, after a rebuild."""
         b, k, ground, t = self.index.blocks, self.k, self.scene.ground, self.tables
-        schedule = Schedule.of(b, self.workers.threads, not self.gradients)
+        schedule = Schedule.of(b, self.workers.threads)
         contacts = former.contacts if former else None
         self.workspace = w = Workspace.of(b, schedule, self.scene, t.domain, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
@@ -194,14 +188,9 @@ class ScanBackend:
         clock("contact")
         for substep in range(1, substeps):
             self._substep(substep == 1, substep == substeps - 1, clock)
-        if self.scene.sleep_speed:
-            sleep.hold_sleepers(self.k, dt, s, self.index.blocks, self.workspace, self.tables, self.totals)
         self._to_particles(dt, substeps)
         clock("g2p")
         self._sort()
-        if self.scene.sleep_speed:
-            parts = s, self.index.blocks, self.workspace, self.tables, self.totals
-            sleep.after_step(self.k, self.scene.sleep_speed, *parts, self.structures)
         clock("sort")
 
     def pass_part(self, part: str, dt: float) -> None:
@@ -239,20 +228,18 @@ class ScanBackend:
             for forces in (self.store.particles.force, *([self.structures.force] if self.structures else [])):
                 forces[:, 1:] *= self.scene.dtype(share)
         longer, c = self.tables.set_step(self.scene, dt), self.tables.constants
-        if self.scene.packed:
-            self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
+        self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
 
     def _to_grid(self, dt: float, substeps: int = 1) -> None:
         if dt != self.tables.packed_dt:
             self._change_step(dt)
         parts = self.k, self.store, self.index.blocks, self.workspace, self.tables
-        after = partial(self.gradients.push, *parts, self.workers.buffers.rec) if self.gradients else None
         if self.scene.surface is None:
-            grid.fill(*parts, after)
+            grid.fill(*parts)
         else:
             before = self.counters.steps - substeps
             search = grid.search_of(self.scene, self.store, self.totals.max_speed, dt, substeps, before)
-            self.totals.contact_particles = grid.fill_over_ground(*parts, search, after)
+            self.totals.contact_particles = grid.fill_over_ground(*parts, search)
 
     def _substep(self, first: bool, last: bool, clock: Callable[[str], None] = lambda stage: None) -> None:
         """One substep on the present nodes, up to contacts: the ``first`` one after that of the transfer, or the ``last`` one."""
@@ -298,13 +285,11 @@ class ScanBackend:
 
     def _to_particles(self, dt: float, substeps: int = 1) -> None:
         b, w, t = self.index.blocks, self.workspace, self.tables
-        parts = self.k, self.store, b, w, t
-        gradients = self.gradients.take_rates(*parts) if self.gradients else without_gradients(self.scene.dtype)
         last = self.k.grid_to_particles if substeps == 1 else self.k.last_to_particles
         columns = w.columns if self.scene.basal.law.drags_column else ()
         speed2, step, lost, refused, self.totals.moved = last(
-            self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, columns, w.moves,
-            t.domain, t.step, gradients, self.workers.buffers,
+            self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, columns, w.moves,
+            t.domain, t.step, self.workers.buffers,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(
@@ -349,7 +334,7 @@ class ScanBackend:
         """The state between two steps; its arrays change with the next one."""
         index = self.index
         parts = checkpoint.Saved(self.tables, self.store, index.blocks, index.travelled, self.totals, self.counters)
-        state = checkpoint.save(parts, self.workspace.sleep if self.scene.sleep_speed else None)
+        state = checkpoint.save(parts)
         return state | (self.structures.checkpoint("structures.") if self.structures else {})
 
     def restore(self, scene: Scene, state: State) -> None:
@@ -364,14 +349,10 @@ class ScanBackend:
             put_arrays(self.structures, state, "structures.")
         self.workers.divide(len(self.store.particles.label))
         self._make_workspace()
-        if scene.sleep_speed:
-            checkpoint.restore_sleep(self.workspace.sleep, state)
-            self.k.share_work(self.index.blocks, self.workspace.sleep)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
-        more = self.gradients.memory() if self.gradients else {}
-        more |= self.structures.memory() if self.structures else {}
+        more = self.structures.memory() if self.structures else {}
         return {**self.store.memory(), **self.workspace.memory(self.index.blocks), **self.workers.memory(), **more}
 
     def memory_bytes(self) -> int:

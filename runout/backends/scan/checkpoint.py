@@ -1,7 +1,7 @@
 """State of the scan backend as plain arrays, and back, so that a run continues bit by bit as if it had not been interrupted.
 
     totals., counters., seconds.    numbers of the run          blocks.       the index
-    store., particles.              particles, without padding  sleep.        which blocks sleep, where blocks may
+    store., particles.              particles, without padding
     packed_dt, corner, ...          single numbers
 
 Every sum of a step follows the order of blocks, cells and slots, so that these are kept as they are. Arrays that a step writes
@@ -15,14 +15,13 @@ import numpy as np
 
 from runout.backends.protocol import Counters
 from runout.backends.scan.constants import Tables
-from runout.backends.scan.groups import Blocks, Particles, Sleep
+from runout.backends.scan.groups import Blocks, Particles
 from runout.backends.scan.state import BY_SLOT, PADDING, Store, _one_for_all, empty_slots
 from runout.backends.scan.totals import Totals
 from runout.backends.state import State, arrays_of, part, plain, put_arrays
 from runout.model.scene import Scene
 
 SCRATCH = ("listed",)  # of a step
-SLEEP = ("asleep", "calm")  # the others follow from these
 
 
 class Saved(NamedTuple):
@@ -36,7 +35,7 @@ class Saved(NamedTuple):
     counters: Counters
 
 
-def save(parts: Saved, sleep: Sleep | None) -> State:
+def save(parts: Saved) -> State:
     """The state between two steps; its arrays are those of the backend and change with its next step."""
     tables, store, blocks, travelled, totals, counters = parts
     state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.") | arrays_of(store, prefix="store.")
@@ -46,8 +45,7 @@ def save(parts: Saved, sleep: Sleep | None) -> State:
     end = store.end + PADDING
     state |= {name: values[:end] if name.split(".")[1] in BY_SLOT else values for name, values in particles.items()}
     numbers = {"packed_dt": tables.packed_dt, "particle_volume": tables.particle_volume, "corner": tables.constants.corner}
-    state |= {name: np.asarray(value) for name, value in {**numbers, "slots": store.slots, "travelled": travelled}.items()}
-    return state | (arrays_of(SimpleNamespace(**sleep._asdict()), ("falling", "moving", "giving"), "sleep.") if sleep else {})
+    return state | {name: np.asarray(value) for name, value in {**numbers, "slots": store.slots, "travelled": travelled}.items()}
 
 
 def restored(scene: Scene, state: State) -> Saved:
@@ -59,12 +57,6 @@ def restored(scene: Scene, state: State) -> Saved:
     counters.seconds = {stage: float(value) for stage, value in part(state, "seconds.").items()}
     blocks = Blocks(**{name: plain(value) for name, value in part(state, "blocks.").items()})
     return Saved(tables, _store(scene, state), blocks, float(state["travelled"]), totals, counters)
-
-
-def restore_sleep(sleep: Sleep, state: State) -> None:
-    """Set which blocks sleep."""
-    for name in SLEEP:
-        getattr(sleep, name)[:] = state[f"sleep.{name}"]
 
 
 def _store(scene: Scene, state: State) -> Store:

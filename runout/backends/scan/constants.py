@@ -26,7 +26,7 @@ class Tables:
     moduli : (releases, 2) real
         Lame parameters of the materials [Pa]. Kernels that need no more take these, so that they are compiled once for all laws.
     packed_dt : float
-        Time step [s] with whose stress the records are packed; 0 where they hold no stress.
+        Time step [s] with whose stress the records are packed; 0 before the first step.
     domain : Domain
     zones : Zones, optional
     basal : (releases times kinds of ground,) record
@@ -68,11 +68,10 @@ class Tables:
         real, dv, mats = scene.dtype, self.constants.dv, self.step.mats
         scene.law.set_step(mats, dt)
         longer = real(dt - self.packed_dt)
-        if scene.packed:
-            self.packed_dt = dt
+        self.packed_dt = dt
         for k in range(16):
             dv[k] = dt * scene.gravity[k % 4 - 1] if k % 4 else 0.0
-        slopes = tuple(real(moments.moment_slope(dt, h)) if scene.packed else real(0) for h in scene.spacing)
+        slopes = tuple(real(moments.moment_slope(dt, h)) for h in scene.spacing)
         self.step = TimeStep(mats, real(dt), slopes, tuple(real(dt / h) for h in scene.spacing))  # type: ignore[arg-type]
         return longer
 

@@ -232,10 +232,10 @@ def _expect(contacts, row, total, share, owners):
         prefetch(contacts.shares, o)
 
 
-def _share_block(contacts, base, begins, arenas, a, ready, row, n):
+def _share_block(contacts, base, arenas, a, ready, row, n):
     """Sum the weights of the ``n`` contacts of a block at its nodes, in the share from ``base`` on; returns the parts they reach.
 
-    If contacts ``begin`` here, the impulses ``given`` are added to the momentum in the arena at place ``a``. The weights of the
+    The impulses ``given``, from which contacts start, are added to the momentum in the arena at place ``a``. The weights of the
     first contact are ``ready``; at the end, those of the row after the last.
     """
     shares, rows, given = contacts.shares, contacts.rows, contacts.given
@@ -254,8 +254,7 @@ def _share_block(contacts, base, begins, arenas, a, ready, row, n):
             for j in range(3):
                 s = o + i * PLANE_OF_SHARES + j * ROW_OF_SHARES
                 store(shares, s, load4(shares, s) + ready[w + np.uint64(8 + j)] * x)
-        if begins:
-            _add_weighted(arenas, a + _first_node(c), ready, w, load4(given, r * np.uint64(4)))
+        _add_weighted(arenas, a + _first_node(c), ready, w, load4(given, r * np.uint64(4)))
     return _parts_of(octants)
 
 
@@ -280,9 +279,9 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
         row = _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row)
 
 
-def _fill_strip(particles, blocks, giving, arenas, contacts, ground, reach, h, thread, low, end, nown):
+def _fill_strip(particles, blocks, arenas, contacts, ground, reach, h, thread, low, end, nown):
     """Fill the arenas of the owners ``low`` to ``end``; returns the number of candidates, and of the owners that have any."""
-    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    rec, order, starts, first, held = particles.rec, particles.order, blocks.starts, blocks.first, blocks.held
     reached, number, bounds, planes = arenas.reached, arenas.number, ground.bounds, ground.planes
     candidates = contacts.candidates
     total = 0
@@ -290,14 +289,14 @@ def _fill_strip(particles, blocks, giving, arenas, contacts, ground, reach, h, t
     for b in range(low, end):
         candidates[b] = contacts.touching[b] = 0
         reached[b] = contacts.pressed[b] = 0
-        if giving[b] > 0:
+        if held[b] > 0:
             cut = reach / (bounds[b, 1] * h[2])
             near = real(0.5) - bounds[b, 0] <= cut
             if near:
-                _call_up(ground.tiles, planes, particles.cell, b, first[b], giving[b])
+                _call_up(ground.tiles, planes, particles.cell, b, first[b], held[b])
             reached[b] = _reached_parts(starts, b)
             number[b] = _take_arena(arenas.cursors, thread, arenas.free)
-            _expect_next(rec, order, starts, first, giving, bounds, b, nown)
+            _expect_next(rec, order, starts, first, held, bounds, b, nown)
             a = ARENA * np.int64(number[b])
             n = _fill_arena(rec, order, starts, first, b, reached[b], arenas.values, a, near, planes, cut, particles.listed)
             candidates[b] = n
@@ -326,7 +325,7 @@ def _keep_room(cursors, thread, total, owners, rows, places):
     return row + thread * rows, share + thread * places, fits
 
 
-def _share_strip(contacts, begins, arenas, row, share, low, end):
+def _share_strip(contacts, arenas, row, share, low, end):
     """Sum the weights of the contacts of a strip at the nodes, and add their impulses; returns the next free row and share."""
     rows, touching = contacts.rows, contacts.touching
     ready = local_weights(rows)
@@ -336,15 +335,13 @@ def _share_strip(contacts, begins, arenas, row, share, low, end):
         if touching[b] > 0:
             contacts.sharer[b] = share
             a = ARENA * np.int64(arenas.number[b])
-            contacts.pressed[b] = _share_block(contacts, SHARES * share, begins, arenas.values, a, ready, row, touching[b])
+            contacts.pressed[b] = _share_block(contacts, SHARES * share, arenas.values, a, ready, row, touching[b])
             row += touching[b]
             share += 1
     return row, share
 
 
-def particles_to_nodes_over_ground(
-    particles, blocks, schedule, giving, arenas, contacts, ground, grid, columns, constants, search, dt
-):  # fmt: skip
+def particles_to_nodes_over_ground(particles, blocks, schedule, arenas, contacts, ground, grid, columns, constants, search, dt):
     """Fill the arenas, find the particles that touch the ground, and sum the nodes that are due.
 
     Each strip of owners is searched for contacts while it is in the cache. Fills the ``contacts`` but for the velocities that
@@ -361,33 +358,20 @@ def particles_to_nodes_over_ground(
             low = STRIP * s
             end = min(low + STRIP, schedule.nown)
             total, owners = _fill_strip(
-                particles, blocks, giving, arenas, contacts, ground, search.reach, constants.h, thread, low, end, schedule.nown
+                particles, blocks, arenas, contacts, ground, search.reach, constants.h, thread, low, end, schedule.nown
             )
             row, share, fits = _keep_room(cursors, thread, total, owners, rows, places)
             if total > 0 and fits:
                 _expect(contacts, row, total, share, owners)
                 _measure_strip(particles, blocks.first, contacts, ground.tiles, constants, search, dt, low, total, row)
-                next_row, next_share = _share_strip(contacts, search.begins, arenas, row, share, low, end)
+                next_row, next_share = _share_strip(contacts, arenas, row, share, low, end)
                 cursors[thread, TOUCH] += next_row - row
                 cursors[thread, ROWS] = ((next_row + 15) & ~15) - thread * rows
                 cursors[thread, SHARED] = next_share - thread * places
             for k in range(schedule.due[s], schedule.due[s + 1]):
                 _update_block_over_ground(arenas, contacts, grid, columns, blocks.down, np.int64(schedule.nodes[k]), constants.dv)
-            _leave_arenas(schedule, arenas, thread, s, giving, arenas.number)
+            _leave_arenas(schedule, arenas, thread, s, blocks.held, arenas.number)
     total = 0
     for t in range(len(cursors)):
         total += cursors[t, TOUCH]
     return _most_of(cursors, TAKEN), _most_of(cursors, ROWS), _most_of(cursors, SHARED), total
-
-
-def begin_contacts(contacts, nown, number, arenas):
-    """Add the impulses from which contacts start to the momentum in the arenas of their blocks."""
-    rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
-    for b in prange(nown):
-        if touching[b] > 0:
-            row = np.uint64(place[b])
-            ready = local_weights(rows)
-            for r in range(row, row + np.uint64(touching[b])):
-                _weigh_four(rows, r * np.uint64(4), ready, np.uint64(0))
-                a = ARENA * np.int64(number[b]) + _first_node(np.int64(rows[r, 0]))
-                _add_weighted(arenas, a, ready, np.uint64(0), load4(given, r * np.uint64(4)))

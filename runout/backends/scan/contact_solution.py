@@ -139,13 +139,13 @@ def _spread_block(contacts, ready, arenas, a, b):
     store(work, 4 * b, total)
 
 
-def _total_ground(work, touching, asleep, nown, total):
-    """Work on the blocks that do not sleep, and impulse on all blocks that have contacts."""
+def _total_ground(work, touching, nown, total):
+    """Work and impulse on all blocks that have contacts."""
     for k in range(4):
         total[k] = 0.0
     for b in range(nown):
         if touching[b] > 0:
-            for k in range(1 if asleep[b] else 0, 4):
+            for k in range(4):
                 total[k] += work[b, k]
 
 
@@ -177,12 +177,12 @@ def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
         store_felt(given, 64 * g, load_4_rows(begun, 0))
 
 
-def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal, grid, asleep, dt, stamp, total):
+def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal, grid, dt, stamp, total):
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
     ``basal`` are the records of friction, ``columns`` the columns of nodes that areas come from. ``particles.force`` gets the
     ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of each block, ``total`` their
-    sums: of the work over the blocks that are not ``asleep``. A node that is due is read by no later strip, since each block that
+    sums. A node that is due is read by no later strip, since each block that
     reads it also adds to it.
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
@@ -212,4 +212,4 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal
                 if grid.shared[n]:
                     _push_block(arenas.values, lent, contacts.pressed, blocks.down, n, grid, columns)
             _leave_arenas(schedule, arenas, thread, s, touching, lent)
-    _total_ground(contacts.work, touching, asleep, blocks.nown, total)
+    _total_ground(contacts.work, touching, blocks.nown, total)

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from runout.backends.scan.domain import domain_of
-from runout.backends.scan.gradient_transfer import bytes_of_gradient_transfer
 from runout.backends.scan.index import Index
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.slots import _spacious
@@ -21,9 +20,8 @@ LEVELS = 4  # blocks of nodes above each other: of a flow of some cells, and wha
 
 
 def bytes_needed(
-    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False,
-    friction: BasalFriction | FrictionLaw | None = None,
-) -> int:  # fmt: skip
+    particles: int, held: int, owners: int, nodes: int, precision: str, friction: BasalFriction | FrictionLaw | None = None
+) -> int:
     """Memory [byte] of a loaded backend.
 
     Parameters
@@ -33,16 +31,12 @@ def bytes_needed(
         Blocks that hold particles, that particles may enter, and that hold nodes.
     precision : str
         "float32" or "float64".
-    transfer, f_bar : str, bool
-        As of :class:`runout.model.scene.Scene`.
     friction : BasalFriction or FrictionLaw, optional
         The law on the ground; without one, one that needs no areas.
     """
     rock = Material(density=2000.0, youngs_modulus=1e6)
     law = friction.example if isinstance(friction, FrictionLaw) else friction or 0.5
-    scene = Scene(
-        (1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (law,), precision=precision, transfer=transfer, f_bar=f_bar
-    )
+    scene = Scene((1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (law,), precision=precision)
     full = particles // max(held, 1)
     slots = capacity(held * _spacious(full))
     of_slot = _slope(lambda n: sum(bytes_of(empty_slots(n, scene)).values()))
@@ -51,7 +45,7 @@ def bytes_needed(
     of_held = _slope(lambda n: _blocks(n, SAMPLE, SAMPLE, scene))
     of_node = _slope(lambda n: _blocks(0, SAMPLE, SAMPLE + n, scene)) if nodes else 0.0
     blocks = of_held * held + (of_owner - of_node) * owners + of_node * nodes
-    return round(of_slot * slots + of_particle * particles + blocks + bytes_of_gradient_transfer(scene, slots, nodes))
+    return round(of_slot * slots + of_particle * particles + blocks)
 
 
 def _slope(size: Callable[[int], int]) -> float:

@@ -2,7 +2,7 @@
 
 The order of the calls is
 
-    particles_to_nodes              early pass: owners and nodes        then gradient transfers add forces
+    particles_to_nodes              early pass: owners and nodes
     particles_to_nodes_over_ground  late pass: nodes that two threads share
     solve_contacts                  early pass, late pass
     substep, solve_contacts         early pass, late pass of each, for every further substep
@@ -28,17 +28,15 @@ from runout.physics.substeps import time_ahead
 SPARE = 16  # blocks that may get contacts before more memory is made
 
 
-def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, after: Any = None) -> None:
-    """Mass and velocity of the nodes; ``after`` is called between the particles and the nodes that wait for all threads."""
+def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables) -> None:
+    """Mass and velocity of the nodes."""
 
     def run(schedule: Pass) -> int:
-        giving, nodes = workspace.sleep.giving, workspace.grid.nodes
-        return int(k.particles_to_nodes(store.particles, blocks, schedule, giving, workspace.arenas, nodes, tables.constants.dv))
+        w = workspace
+        return int(k.particles_to_nodes(store.particles, blocks, schedule, w.arenas, w.grid.nodes, tables.constants.dv))
 
     while (wanted := run(workspace.schedule.early)) > workspace.arenas.free.shape[1]:
         workspace.make_arenas(wanted)
-    if after:
-        after()
     if workspace.schedule.waits:
         run(workspace.schedule.late)
 
@@ -51,25 +49,23 @@ def search_of(scene: Scene, store: Store, max_speed: float, dt: float, substeps:
     if scene.basal.law.uses_area:
         fastest = contact_law.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
     stamp, ahead = stamp_of(before), time_ahead(lasting, dt)
-    return ContactSearch(real(reach), real(band), real(stamp), real(fastest), not scene.keeps, real(lasting), real(ahead))
+    return ContactSearch(real(reach), real(band), real(stamp), real(fastest), real(lasting), real(ahead))
 
 
 def fill_over_ground(
-    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, search: ContactSearch, after: Any = None
+    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, search: ContactSearch
 ) -> int:
     """The same over a ground; finds the particles that touch it, and returns their number."""
 
     def run(schedule: Pass) -> Any:
         w = workspace
         return k.particles_to_nodes_over_ground(
-            store.particles, blocks, schedule, w.sleep.giving, w.arenas, w.contacts, w.ground, w.grid, w.columns,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.ground, w.grid, w.columns,
             tables.constants, search, tables.step.dt,
         )  # fmt: skip
 
     while _lacks_memory(workspace, *(found := run(workspace.schedule.early))[:3]):
         pass
-    if after:
-        after()
     if workspace.schedule.waits:
         run(workspace.schedule.late)
     return int(found[3])
@@ -118,8 +114,8 @@ def push(
     w = workspace
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, w.grid, w.sleep.asleep,
-            tables.step.dt, stamp, w.total,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, w.grid, tables.step.dt,
+            stamp, w.total,
         )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])
     totals.basal_impulse += w.total[1:4]

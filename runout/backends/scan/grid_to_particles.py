@@ -6,8 +6,7 @@
     tile --law, motion, next record, transposed back--> particles.rec, particles.state, from the first slot of the block on
 
 The law is plain scalar source. LLVM vectorises it over the columns of a tile because the index is unsigned (a signed index needs
-numba's test for negative values in the loop), all functions are inlined, and tiles lie on the stack. Where GRADIENT_TRANSFER is
-set, velocity gradients have been computed before (:mod:`runout.backends.scan.gradients`); what is not used is multiplied by zero.
+numba's test for negative values in the loop), all functions are inlined, and tiles lie on the stack.
 """
 
 import numpy as np
@@ -50,14 +49,11 @@ from runout.backends.scan.tile import (
     LARGE,
     LOST,
     MOVE,
-    RATE,
     REFUSED,
-    SLIP,
     SPEED,
     SUMS,
     TILE,
     _about_particles,
-    _load_rates,
     _load_sums,
     _load_tile,
     _moments,
@@ -74,14 +70,12 @@ from runout.physics.plastic import step as law_update
 from runout.physics.plastic import step_small as law_update_small
 from runout.physics.substeps import inverse_deformation, present_gradient
 from runout.physics.tensors import real, sym, vec
-from runout.physics.transfers import kept_velocity, with_dilatation
 
 LEFT = 64  # added to the cell of a slot whose particle leaves the block
 STAYS = 13  # move code of a particle that stays in its cell
 HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
 ONE_MATERIAL = True
-GRADIENT_TRANSFER = False
 SEVERAL = False  # whether the transfer has several substeps (substep.py)
 LASTS = False  # whether it goes on after this one
 CHANGES = False  # whether columns of nodes change their velocity here (column_drag.py)
@@ -89,28 +83,14 @@ stays = constant([float(STAYS)] * 16)
 halves = constant([0.5] * 16)
 
 
-def _gradient(t, p, s, cells, averaged):
-    """Velocity gradient times the step [1] from first moments, s = 4 dt / h [s/m]; or from rates, ``cells`` = dt / h [s/m].
-
-    The mean dilatation takes the place of a particle's own where it is ``averaged`` (1, else 0).
-    """
-    if GRADIENT_TRANSFER:
-        L = velocity_gradient(_rows(t, p, RATE + 5), _rows(t, p, RATE + 9), _rows(t, p, RATE + 13), cells)
-        return with_dilatation(L, t[RATE, p], averaged)
+def _gradient(t, p, s):
+    """Velocity gradient times the step [1] from first moments, s = 4 dt / h [s/m]."""
     x, y, z = _moments(t, p)
     L = velocity_gradient(x, y, z, s)
     if SEVERAL:
         way = _way_before(t, p, s) if LASTS else _way_gradient(t, p, s)
         return present_gradient(L, inverse_deformation(way))
     return L
-
-
-def _keep(t, p, keeps):
-    """Add the part of the slip that a column keeps to its velocity and first moments, after it has moved with the grid."""
-    t[1, p], t[2, p], t[3, p] = kept_velocity(_rows(t, p, 1), _rows(t, p, SLIP + 1), keeps)
-    t[5, p], t[6, p], t[7, p] = kept_velocity(_rows(t, p, 5), _rows(t, p, SLIP + 5), keeps)
-    t[9, p], t[10, p], t[11, p] = kept_velocity(_rows(t, p, 9), _rows(t, p, SLIP + 9), keeps)
-    t[13, p], t[14, p], t[15, p] = kept_velocity(_rows(t, p, 13), _rows(t, p, SLIP + 13), keeps)
 
 
 def _strain(t, p):
@@ -161,12 +141,10 @@ def _move(t, p, cells):
     return far, refused, code
 
 
-def _leave_grid(t, p, alive, tau, s, cells, keeps):
+def _leave_grid(t, p, alive, tau, s, cells):
     """Move a column and pack its next record."""
     nothing = real(0.0)
     far, refused, code = _move(t, p, cells)
-    if GRADIENT_TRANSFER:
-        _keep(t, p, keeps)
     speed2 = t[1, p] * t[1, p] + t[2, p] * t[2, p] + t[3, p] * t[3, p]
     t[SPEED, p] = speed2 if alive else nothing
     t[MOVE, p] = far if alive else nothing
@@ -175,12 +153,12 @@ def _leave_grid(t, p, alive, tau, s, cells, keeps):
     _pack(t, p, tau, s)
 
 
-def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
+def _finish(t, p, alive, B, history, lost, tau, s, cells):
     """Write the state of a column and what it hands on; a column without a particle adds 0 to all sums."""
     if LASTS:
         _stay_on_grid(t, p, tau, s)
     else:
-        _leave_grid(t, p, alive, tau, s, cells, keeps)
+        _leave_grid(t, p, alive, tau, s, cells)
     t[LOST, p] = lost * t[23, p] if alive else real(0.0)
     t[16, p] = B[0]
     t[17, p] = B[1]
@@ -191,7 +169,7 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
     t[22, p] = history
 
 
-def _follow_tile(t, particle_index, label, first, count, mats, s, cells, averaged, keeps):
+def _follow_tile(t, particle_index, label, first, count, mats, s, cells):
     """Law, motion and next record of a tile, for small strain; columns with large strain are marked LARGE."""
     mat = mats[0]
     for p in range((count + np.uint64(15)) & ~np.uint64(15)):
@@ -199,23 +177,23 @@ def _follow_tile(t, particle_index, label, first, count, mats, s, cells, average
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
             mat = mats[label[particle_index[first + p], 0]]
-        B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s, cells, averaged), t[22, p], mat)
+        B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
         t[LARGE, p] = real(0.0) if is_small(size) else t[ALIVE, p]
-        _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
+        _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
 
-def _follow_large(t, r, state, p, mat, s, cells, averaged, keeps):
+def _follow_large(t, r, state, p, mat, s, cells):
     """The same for one particle of any strain, from its record ``r`` and its state before the law."""
     r = _about_particles((r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15]))
     for k in range(16):
         t[k, p] = r[k]
     for k in range(8):
         t[16 + k, p] = state[k]
-    B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s, cells, averaged), t[22, p], mat)
-    _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
+    B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
+    _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
 
-def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, cells, averaged, keeps):
+def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, cells):
     """Apply the law for any strain to the columns that are marked LARGE, from records and states in a buffer from ``slot`` on.
 
     In a transfer of several substeps the states are those of the slots from ``first`` on.
@@ -228,7 +206,7 @@ def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, ce
             bits = bits & (bits - np.uint64(1))
             mat = mats[label[particle_index[first + column], 0]]
             place = first if SEVERAL else slot
-            _follow_large(t, rec[slot + column], state[place + column], np.uint64(column), mat, s, cells, averaged, keeps)
+            _follow_large(t, rec[slot + column], state[place + column], np.uint64(column), mat, s, cells)
 
 
 def _destination(rec, cell, slot, code, b, bxyz, at_rim, domain):
@@ -320,22 +298,23 @@ def _gather_again(particles, f, count, nodes, records, k):
             store(rec, p * np.uint64(16), heads_and_tails(before, before + seen))
 
 
-def _expect_list(order, particle_index, first, moving, b, end):
-    """Prefetch the list and the labels of the next block before ``end`` that moves."""
-    later = _next_filled(moving, b, end)
-    if later < end:
-        for t in range(0, moving[later] + 15, 16):
+def _expect_list(order, particle_index, blocks, b):
+    """Prefetch the list and the labels of the next block with particles."""
+    first, held = blocks.first, blocks.held
+    later = _next_filled(held, b, blocks.nown)
+    if later < blocks.nown:
+        for t in range(0, held[later] + 15, 16):
             prefetch(order, first[later] + t)
             prefetch(particle_index, first[later] + t)
 
 
-def _expect_next(rec, state, order, blocks, moving, b, nodes):
-    """Prefetch the nodes and the first particles of the next block that moves; its own loop prefetches the later ones."""
-    later = _next_filled(moving, b, blocks.nown)
+def _expect_next(rec, state, order, blocks, b, nodes):
+    """Prefetch the nodes and the first particles of the next block with particles; its own loop prefetches the later ones."""
+    first, held = blocks.first, blocks.held
+    later = _next_filled(held, b, blocks.nown)
     if later == blocks.nown:
         return
-    first = blocks.first
-    for t in range(first[later], first[later] + min(moving[later], AHEAD)):
+    for t in range(first[later], first[later] + min(held[later], AHEAD)):
         prefetch(rec, 16 * np.int64(order[t]))
         prefetch(state, 8 * np.int64(order[t]))
     _expect_nodes(nodes, blocks.up, later, EVERY)
@@ -360,14 +339,14 @@ def _total_motion(motion, changed, nown):
     return speed, move, lost, refused, moved
 
 
-def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, moves, domain, step, gradients, buffers):
+def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, domain, step, buffers):
     """One step of all particles; afterwards the particles of a block lie in the order of the cells in which they started.
 
     ``nodes`` (nall, 256) hold the new velocities, but for the changes of the ``columns``. Fills ``moves`` and lists the particles
     that change their cell. Returns sums.
     """
     rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
-    mats, s, cells, averaged, keeps = step.mats, step.slopes, step.cells, gradients.averaged, gradients.keeps
+    mats, s, cells = step.mats, step.slopes, step.cells
     leaving = moves.leaving
     shifted = moves.shifted
     changed = moves.changed
@@ -381,17 +360,17 @@ def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, 
             leaving[b] = shifted[b] = changed[b] = 0
             for k in range(4):
                 motion[b, k] = 0.0
-            held = moving[b]
+            held = blocks.held[b]
             if held == 0:
                 continue
             _load_nodes(around, nodes, blocks.up, b, reached[b])
             if CHANGES:
                 _add_changes(around, columns, blocks.up, b, reached[b])
             f = blocks.first[b]
-            _expect_list(particles.order, particle_index, blocks.first, moving, b, blocks.nown)
+            _expect_list(particles.order, particle_index, blocks, b)
             if not SEVERAL:
                 _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
-            _expect_next(rec, state, particles.order, blocks, moving, b, nodes)
+            _expect_next(rec, state, particles.order, blocks, b, nodes)
             speed = move = lost = refused = zeros(rec)
             counts = np.int64(0), np.int64(0), np.int64(0)
             for k in range(0, held, TILE):
@@ -403,11 +382,9 @@ def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, 
                     _load_sums(t, rec, f + k, groups)
                 else:
                     _load_tile(t, records, k, states, k, groups)
-                if GRADIENT_TRANSFER:
-                    _load_rates(t, gradients.rates, gradients.slips, f + k, groups)
-                _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
+                _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
                 before = state if SEVERAL else states
-                _follow_all_large(t, records, before, k, particles, f + k, groups, mats, s, cells, averaged, keeps)
+                _follow_all_large(t, records, before, k, particles, f + k, groups, mats, s, cells)
                 _store_tile(t, rec, f + k, state, f + k, groups)
                 for g in range(groups):
                     speed = largest(speed, load16(t, SPEED * TILE + 16 * g))

@@ -230,8 +230,6 @@ class ContactSearch(NamedTuple):
         Stamp of the step before, whose forces still hold.
     fastest : real
         Speed [m/s] up to which contacts start from them; infinite for laws that do not use ground areas.
-    begins : bool
-        Whether the impulses by these forces go to the nodes together with the momentum.
     lasting : real
         Time [s] within which a particle must touch the ground: that of all substeps.
     ahead : real
@@ -242,7 +240,6 @@ class ContactSearch(NamedTuple):
     band: Any
     last: Any
     fastest: Any
-    begins: bool
     lasting: Any
     ahead: Any
 
@@ -271,27 +268,6 @@ class Moves(NamedTuple):
     before: np.ndarray
     rim: np.ndarray
     motion: np.ndarray
-
-
-class Sleep(NamedTuple):
-    """Blocks that sleep. Where no block may sleep, the last four are ``held`` of the index or equal to it.
-
-    Attributes
-    ----------
-    asleep : (nown,) bool
-    calm : (nown,) int64
-        Steps in a row in which the block was slow.
-    falling : (nown,) int64
-        Particles of a block that falls asleep in this step; -1 for a block that wakes.
-    moving, giving : (nown,) int64
-        Particles that move, and that give to nodes.
-    """
-
-    asleep: np.ndarray
-    calm: np.ndarray
-    falling: np.ndarray
-    moving: np.ndarray
-    giving: np.ndarray
 
 
 class Constants(NamedTuple):
@@ -333,7 +309,7 @@ class TimeStep(NamedTuple):
     dt : real
         [s]
     slopes, cells : (3,) tuple of real
-        4 dt / h [s/m], 0 where records hold no stress; dt / h [s/m].
+        4 dt / h [s/m]; dt / h [s/m].
     """
 
     mats: np.ndarray
@@ -376,20 +352,3 @@ class Domain(NamedTuple):
     limits: np.ndarray
     unknown: np.ndarray
     sums: np.ndarray
-
-
-class Gradients(NamedTuple):
-    """What the other transfers and F-bar add to a particle (:mod:`runout.backends.scan.gradients`); no rows in the packed transfer.
-
-    Attributes
-    ----------
-    rates, slips : (slots, 16) real
-        Velocity gradients; velocities that the grid has not seen.
-    averaged, keeps : real
-        1 with F-bar, else 0; part of the slip that the particle keeps.
-    """
-
-    rates: np.ndarray
-    averaged: Any
-    slips: np.ndarray
-    keeps: Any

@@ -13,8 +13,6 @@ from runout.backends.scan import (
     contact_detection,
     contact_solution,
     domain,
-    forces,
-    gradients,
     grid_to_particles,
     ground,
     groups,
@@ -25,7 +23,6 @@ from runout.backends.scan import (
     precompile,
     raster_sums,
     records,
-    rest,
     slots,
     sort,
     stencil,
@@ -37,7 +34,6 @@ from runout.backends.scan import (
     workspace,
     zones,
 )
-from runout.backends.scan.gradient_transfer import uses_gradient_transfer
 from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.laws import Law
 from runout.model.scene import Scene
@@ -57,7 +53,6 @@ COMMON = (
     sort,
     observe,
     raster_sums,
-    rest,
     zones,
 )  # know no law
 # follow a law of friction
@@ -77,15 +72,6 @@ BY_SUBSTEPS = (groups, node_columns, stencil, particles_to_grid, tile, grid_to_p
 # kernels of contact that follow the law: the second for laws that sum columns of nodes, the third for those that slow them
 OF_FRICTION = ("solve_contacts", "particles_to_nodes_over_ground", "slow_columns")
 LANES = (vectors, shuffles, memory)
-BY_GRADIENTS = (
-    groups,
-    stencil,
-    particles_to_grid,
-    observe,
-    contact_detection,
-    forces,
-    gradients,
-)  # of transfers other than the packed one, and of F-bar
 BY_STRUCTURES = (structure_groups, structure_detection, structure_solution)
 BY_LAWS = (contact_solution, domain, tile, grid_to_particles, substep)
 SOURCES = (*PHYSICS, *COMMON, *BY_LAWS, *LANES, precompile, resting_loops, records)
@@ -138,13 +124,12 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
 
 def sources_of(scene: Scene) -> tuple[ModuleType, ...]:
     """Modules whose change makes the compiled kernels of a scene stale."""
-    more = (*BY_GRADIENTS,) if uses_gradient_transfer(scene) else ()
-    return (*SOURCES, *more, *BY_STRUCTURES) if scene.structures else (*SOURCES, *more)
+    return (*SOURCES, *BY_STRUCTURES) if scene.structures else SOURCES
 
 
 def reads_nodes(scene: Scene) -> bool:
     """Whether kernels read the velocities of nodes after the ground has acted and before particles gather them."""
-    return scene.structures is not None or scene.substeps > 1 or uses_gradient_transfer(scene)
+    return scene.structures is not None or scene.substeps > 1
 
 
 def _bound(scene: Scene) -> SimpleNamespace:
@@ -167,14 +152,12 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "law_update": law.step,
         "law_update_small": law.step_small,
         "ONE_MATERIAL": len(scene.materials) == 1,
-        "GRADIENT_TRANSFER": uses_gradient_transfer(scene),
         "CHANGES": scene.basal.law.drags_column and not reads_nodes(scene),
     }
     own = binding.kernels(*MOTION, sources=LANES, **names)
-    more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
     structures = _of_structures(binding) if scene.structures else SimpleNamespace()
     several = _of_substeps(binding, {**names, "DRAGS_COLUMN": of_contact["DRAGS_COLUMN"]}) if scene.substeps > 1 else {}
-    return SimpleNamespace(**(vars(more) | vars(own) | vars(common) | vars(structures) | own_of_contact | several))
+    return SimpleNamespace(**(vars(own) | vars(common) | vars(structures) | own_of_contact | several))
 
 
 def _of_substeps(binding: NumbaBinding, names: dict[str, Any]) -> dict[str, Any]:

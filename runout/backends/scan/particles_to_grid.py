@@ -92,9 +92,9 @@ def _highest_rise(east, north):
     return east + north + real(0.5) * (abs(east) + abs(north))
 
 
-def _expect_next(rec, order, starts, first, giving, bounds, b, end):
-    """Prefetch the cells and the first particles of the next block before ``end`` that gives to nodes."""
-    later = _next_filled(giving, b, end)
+def _expect_next(rec, order, starts, first, held, bounds, b, end):
+    """Prefetch the cells and the first particles of the next block before ``end`` that holds any."""
+    later = _next_filled(held, b, end)
     if later < end:
         prefetch(bounds, 2 * later)
         for c in range(0, 65, 16):
@@ -331,13 +331,13 @@ def _most_of(cursors, what):
     return most
 
 
-def particles_to_nodes(particles, blocks, schedule, giving, arenas, nodes, dv):
-    """Fill an arena for each block with particles that give to nodes, and sum the nodes that are due.
+def particles_to_nodes(particles, blocks, schedule, arenas, nodes, dv):
+    """Fill an arena for each block with particles, and sum the nodes that are due.
 
     ``nodes`` (nall, 256) get mass and velocity. Returns the number of arenas that a thread needs; if it has fewer, the result is
     invalid.
     """
-    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    rec, order, starts, first, held = particles.rec, particles.order, blocks.starts, blocks.first, blocks.held
     values, cursors = arenas.values, arenas.cursors
     number = arenas.number
     reached = arenas.reached
@@ -347,13 +347,13 @@ def particles_to_nodes(particles, blocks, schedule, giving, arenas, nodes, dv):
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             for b in range(STRIP * s, min(STRIP * s + STRIP, schedule.nown)):
                 reached[b] = 0
-                if giving[b] > 0:
+                if held[b] > 0:
                     reached[b] = _reached_parts(starts, b)
                     number[b] = _take_arena(cursors, thread, arenas.free)
                     a = ARENA * np.int64(number[b])
-                    _expect_next(rec, order, starts, first, giving, rec, b, schedule.nown)
+                    _expect_next(rec, order, starts, first, held, rec, b, schedule.nown)
                     _fill_arena(rec, order, starts, first, b, reached[b], values, a, False, rec, real(0.0), order)
             for k in range(schedule.due[s], schedule.due[s + 1]):
                 _update_block(values, number, reached, blocks.down, np.int64(schedule.nodes[k]), nodes, dv)
-            _leave_arenas(schedule, arenas, thread, s, giving, number)
+            _leave_arenas(schedule, arenas, thread, s, held, number)
     return _most_of(cursors, TAKEN)

@@ -17,7 +17,6 @@ from subprocess import PIPE
 from types import ModuleType
 
 from runout.backends.compile import cache_root, source_key
-from runout.backends.scan.gradient_transfer import uses_gradient_transfer
 from runout.model.scene import Scene
 from runout.processes.lifetime import import_path, interrupts_kept, python_command
 
@@ -53,11 +52,10 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> Path | Non
 
 
 def variant(scene: Scene) -> str:
-    """The variant of ``warm_up`` that a scene is, and what else it has that some kernels are for: no ground, zones, structures."""
-    kind = "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
+    """What a scene has that some kernels are for: no ground, friction zones, structures, substeps; "plain" without any."""
     more = {"free": scene.surface is None, "zones": scene.friction_zones, "structures": scene.structures}
     more["substeps"] = scene.substeps > 1
-    return " ".join((kind, *(name for name, has in more.items() if has)))
+    return " ".join(("plain", *(name for name, has in more.items() if has)))
 
 
 def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:

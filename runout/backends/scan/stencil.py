@@ -23,10 +23,8 @@ from runout.backends.lanes import (
     permutation,
     permutation_of_two,
     prefetch,
-    splat,
     store,
 )
-from runout.physics.bspline import weights
 
 ROW = 24  # numbers per row of six nodes
 PLANE = 144
@@ -41,11 +39,7 @@ def in_groups(values):
     return [x for x in values for _ in range(4)]
 
 
-# weights of the three nodes along z as (scale d) d + offset with d = f - centre, see bspline.weights
-z_scale = constant(in_groups((0.5, -1.0, 0.5, 0.0)))
-z_centre = constant(in_groups((1.5, 1.0, 0.5, 0.0)))
-z_offset = constant(in_groups((0.0, 0.75, 0.0, 0.0)))
-# the same for all axes: group 1 + j is axis j, and a lane of it a node; nothing in group 0
+# weights as (scale d) d + offset with d = f - centre, see bspline.weights: group 1 + j is axis j, a lane of it a node
 all_scale = constant([0.0] * 4 + [0.5, -1.0, 0.5, 1.0] * 3)  # the last lane is twice the third weight
 all_centre = constant([0.0] * 4 + [1.5, 1.0, 0.5, 0.5] * 3)
 all_offset = constant([0.0] * 4 + [0.0, 0.75, 0.0, 0.0] * 3)
@@ -83,13 +77,6 @@ local_weights = local_array((2 * ALL,))
 def _first_node(c):
     """Place in an arena of the first node of cell ``c`` of a block."""
     return (c >> 4) * PLANE + ((c >> 2) & 3) * ROW + (c & 3) * 4
-
-
-def _z_weights(f):
-    """Weight of node k in group k; none in the last."""
-    d = splat(f)
-    d = d - z_centre(d)
-    return (z_scale(d) * d) * d + z_offset(d)
 
 
 def _weigh(rec, r, ready, w):
@@ -185,20 +172,6 @@ def _add_products(x, y, q, rows):
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 
-def _spread(rec, r, rows):
-    """Rows with the first four numbers of the record at place ``r`` added, weighted."""
-    x = weights(rec[r + np.uint64(4)])
-    y = weights(rec[r + np.uint64(8)])
-    return _add_products(x, y, repeated(load4(rec, r)) * _z_weights(rec[r + np.uint64(12)]), rows)
-
-
-def _sum_groups(s, x, y, z):
-    """Vector whose four groups are the sums over the groups of s, x, y and z."""
-    sx = even_groups(s, x) + odd_groups(s, x)
-    yz = even_groups(y, z) + odd_groups(y, z)
-    return even_groups(sx, yz) + odd_groups(sx, yz)
-
-
 def _gather(rec, r, ready, w, rows):
     """Record at place ``r`` with v and its first moments about the first node [m/s cells] in place of momentum and A."""
     g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
@@ -230,20 +203,6 @@ def _gather(rec, r, ready, w, rows):
     z = load16(ready, w)
     about_node = lower_of_z(z) * all_lower(two, y) + middle_of_z(z) * all_middle(two, y) + upper_of_z(z) * all_upper(upper(s, x), y)
     return heads_and_tails(load16(rec, r), about_node)
-
-
-def _mean(rec, r, rows):
-    """Weighted mean of the four nodal numbers at the position of the record at place ``r``."""
-    g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
-    x = weights(rec[r + np.uint64(4)])
-    y = weights(rec[r + np.uint64(8)])
-    z = _z_weights(rec[r + np.uint64(12)])
-    c0 = x[0] * g00 + x[1] * g10 + x[2] * g20
-    c1 = x[0] * g01 + x[1] * g11 + x[2] * g21
-    c2 = x[0] * g02 + x[1] * g12 + x[2] * g22
-    s = (y[0] * c0 + y[1] * c1 + y[2] * c2) * z
-    s = even_groups(s, s) + odd_groups(s, s)
-    return first_group(s) + second_group(s)
 
 
 def _clear(arenas, a, parts):

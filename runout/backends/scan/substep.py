@@ -157,7 +157,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
     values, cursors, reached = arenas.values, arenas.cursors, arenas.reached
     number = arenas.number
     index, label, order, listed = particles.particle_index, particles.label, particles.order, particles.listed
-    mats, dt, s4, cells, moving = step.mats, step.dt, step.slopes, step.cells, blocks.held
+    mats, dt, s4, cells = step.mats, step.dt, step.slopes, step.cells
     _start(cursors)
     for cut in prange(len(schedule.cuts) - 1):
         thread = np.uint64(cut)
@@ -167,7 +167,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
         t = local_tile(rec)
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             for b in range(STRIP * s, min(STRIP * s + STRIP, schedule.nown)):
-                held = moving[b]
+                held = blocks.held[b]
                 motion[b, 2] = 0.0
                 if held == 0:
                     continue
@@ -176,10 +176,10 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                 if first:
                     if contacts.touching[b] > 0:
                         _follow_order(listed, order, f, held)
-                    _expect_list(order, index, firsts, moving, b, blocks.nown)
+                    _expect_list(order, index, blocks, b)
                     _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
                     _put_in_order(rec, state, held, np.uint64(f), records, states)
-                _expect_next(rec, state, order, blocks, moving, b, nodes)
+                _expect_next(rec, state, order, blocks, b, nodes)
                 lost = zeros(rec)
                 q = np.int64(0)
                 for k in range(0, held, TILE):
@@ -190,8 +190,8 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     q = _move_contacts(contacts, listed, b, f, q, k + count, records, dt)
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
-                    _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells, dt, dt)
-                    _follow_all_large(t, records, state, k, particles, f + k, groups, mats, s4, cells, dt, dt)
+                    _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells)
+                    _follow_all_large(t, records, state, k, particles, f + k, groups, mats, s4, cells)
                     _store_tile(t, records, k, state, f + k, groups)
                     for g in range(groups):
                         lost = lost + load16(t, LOST * TILE + 16 * g)
@@ -203,7 +203,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     _begin_contacts(contacts, b, values, a)
             for k in range(schedule.due[s], schedule.due[s + 1]):
                 _go_on(arenas, blocks.down, np.int64(schedule.nodes[k]), nodes, columns, dv)
-            _leave_arenas(schedule, arenas, thread, s, moving, number)
+            _leave_arenas(schedule, arenas, thread, s, blocks.held, number)
     lost_in_all = 0.0
     for b in range(blocks.nown):
         lost_in_all += motion[b, 2]

@@ -2,11 +2,10 @@
 
        rows  0 .. 15  record            24  code of the move           28  refused move
             16 .. 23  state             25  speed squared              29  large strain
-            31 .. 46  rates, or sums    26  largest move [cells]       30  whether the column holds a particle
-            47 .. 62  slips             27  dissipated energy
+            31 .. 46  sums              26  largest move [cells]       30  whether the column holds a particle
+                                        27  dissipated energy
 
-Rates and slips are those of the gradient transfers. Sums are those of velocities and moments over the substeps of a transfer
-(:mod:`runout.backends.scan.substep`).
+Sums are those of velocities and moments over the substeps of a transfer (:mod:`runout.backends.scan.substep`).
 """
 
 from runout.backends.lanes import local_array, record_vectors, row_vectors
@@ -17,9 +16,8 @@ from runout.physics.tensors import real, vec
 TILE = 32
 # rows of a tile after the 16 numbers of the record and the 8 of the state
 CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
-RATE, SLIP = 31, 47  # first of the 16 rows of rates, and of slips, where GRADIENT_TRANSFER is set
-SUMS = RATE  # the same rows where SEVERAL is set
-local_tile = local_array((SLIP + 16, TILE))
+SUMS = 31  # first of the 16 rows of sums, where SEVERAL is set
+local_tile = local_array((SUMS + 16, TILE))
 load_records, store_records = record_vectors(16)
 load_states, store_states = record_vectors(8)
 load_16_rows, store_16_rows = row_vectors(16, TILE)
@@ -40,13 +38,6 @@ def _load_tile(t, rec, k, state, p, groups):
     for g in range(groups):
         store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (k + 16 * g))))
         store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
-
-
-def _load_rates(t, rates, slips, p, groups):
-    """Transpose the gradients and slips of the other transfers."""
-    for g in range(groups):
-        store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (p + 16 * g)))
-        store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (p + 16 * g)))
 
 
 def _load_sums(t, rec, p, groups):

@@ -28,10 +28,8 @@ class Totals:
         [J]
     basal_impulse : (3,)
         [N s]
-    contact_particles, sleepers : int
-        Particles that touch the ground; blocks that sleep.
-    sleeping_mass : float
-        [kg]
+    contact_particles : int
+        Particles that touch the ground.
     moved : bool
         Whether any particle changed its cell.
     """
@@ -43,8 +41,6 @@ class Totals:
     plastic_dissipation: float = 0.0
     basal_impulse: np.ndarray = field(default_factory=lambda: np.zeros(3))
     contact_particles: int = 0
-    sleepers: int = 0
-    sleeping_mass: float = 0.0
     moved: bool = False
 
     def book_escaped(self, sums: np.ndarray) -> None:

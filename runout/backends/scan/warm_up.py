@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,11 +36,6 @@ SUBSTEPS = 3  # of the scenes that have several; every other transfer has one
 COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: the compiler makes many objects and few cycles
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
-VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
-    "plain": ({},),
-    "gradient_transfer": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
-    "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0), "structures": None}),  # beside which nothing sleeps
-}
 
 
 def _job() -> tuple[Scene, Particles, str, Path]:
@@ -60,20 +54,16 @@ def _job() -> tuple[Scene, Particles, str, Path]:
 def warm_up() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
     scene, particles, kind, folder = _job()
-    variants = VARIANTS[kind.split()[0]]
-    parts = _parts(replace(scene, **variants[0]), particles)
+    parts = _parts(scene, particles)
     share(parts, folder)
     complete(parts, folder)
-    for choices in variants:
-        if "sleep_speed" in choices:
-            particles.velocity[:] = 0.0
-        _warm_up(replace(scene, **choices), particles, free="free" in kind)
+    _warm_up(scene, particles, free="free" in kind)
 
 
 def warm_up_ahead() -> None:
     """Compile parts of the kernels in another process meanwhile. The first process finds them in the cache."""
-    scene, particles, kind, folder = _job()
-    parts = _parts(replace(scene, **VARIANTS[kind.split()[0]][0]), particles)
+    scene, particles, _, folder = _job()
+    parts = _parts(scene, particles)
     share({name: parts[name] for name in WITHOUT_LOAD}, folder)
     complete({"load": parts["load"]}, folder)  # its kernels are called by all further parts
     share(parts, folder)

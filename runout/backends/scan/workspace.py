@@ -2,10 +2,10 @@
 
 The groups of arrays are those of :mod:`runout.backends.scan.groups`.
 
-    arenas, contacts, ground, moves, sleep    by owner block
-    grid                                      by node block
-    columns                                   by node block and block column, as far as the law of friction uses columns of nodes
-    sums[b], total                            sums over the particles of block b, and over all blocks
+    arenas, contacts, ground, moves    by owner block
+    grid                               by node block
+    columns                            by node block and block column, as far as the law of friction uses columns of nodes
+    sums[b], total                     sums over the particles of block b, and over all blocks
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.scan.domain import blocks_at_edge
-from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves, Sleep
+from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves
 from runout.backends.scan.node_columns import NodeColumns, node_columns_of
 from runout.backends.scan.particles_to_grid import SHARES
 from runout.backends.scan.schedule import Schedule
@@ -33,7 +33,7 @@ class Workspace:
     Attributes
     ----------
     schedule : Schedule
-    arenas, grid, contacts, ground, moves, sleep
+    arenas, grid, contacts, ground, moves
         See :mod:`runout.backends.scan.groups`.
     sums, total : (nown, 7), (7,)
         What :mod:`runout.backends.scan.observe` adds up, by block and in all.
@@ -46,7 +46,6 @@ class Workspace:
     contacts: Contacts
     ground: Ground
     moves: Moves
-    sleep: Sleep
     sums: np.ndarray
     total: np.ndarray
     columns: NodeColumns | tuple[()]
@@ -63,7 +62,6 @@ class Workspace:
         """
         n, real = blocks.nown, scene.dtype
         threads, capacity = len(schedule.cuts) - 1, _roomy(schedule.most_arenas(blocks.held))
-        held = blocks.held
         count, byte, number = (partial(np.zeros, n, kind) for kind in (np.int64, np.uint8, np.int32))
         return cls(
             schedule=schedule,
@@ -79,9 +77,6 @@ class Workspace:
             ),
             ground=Ground(np.empty((n, 36), real), np.empty((n, 48), real), np.empty((n, 2), real)),
             moves=Moves(count(), count(), count(), count(), count(), blocks_at_edge(domain, blocks.bxyz[:n]), np.zeros((n, 4))),
-            sleep=Sleep(
-                np.zeros(n, np.bool_), *((count(), count(), held.copy(), held.copy()) if scene.sleep_speed else 4 * (held,))
-            ),
             sums=np.zeros((n, SUMS)), total=np.zeros(SUMS), columns=node_columns_of(blocks, scene),
         )  # fmt: skip
 
@@ -102,7 +97,7 @@ class Workspace:
 
     def memory(self, blocks: Blocks) -> dict[str, int]:
         """Bytes by array, with those of the index."""
-        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep]
+        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves]
         parts += [self.columns] if self.columns else []
         rest = {"sums": self.sums, "total": self.total, **vars(self.schedule)}
         return bytes_of(blocks, *parts, **rest)

@@ -53,9 +53,6 @@ class Layout:
     steps: int = 400
     rests: bool = False
     passes: bool = False
-    transfer: str = "mls"
-    flip_ratio: float = 0.95
-    f_bar: bool = False
 
     def material(self) -> Material:
         """The material of the mass."""
