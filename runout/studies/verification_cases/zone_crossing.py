@@ -159,7 +159,8 @@ def measure(full: bool) -> list[Result]:
 
 
 def _largest(errors: np.ndarray) -> float:
-    return float(np.abs(errors).max())
+    """Largest of the ``errors`` (looks,) as means of two looks, about the period 4 H/c_s of a slab of 1 m in shear."""
+    return float(np.abs(0.5 * (errors[1:] + errors[:-1])).max())
 
 
 CASE = Case(
@@ -171,6 +172,9 @@ CASE = Case(
     measure,
     "The closed form has the same pressure everywhere below the slab. Friction acts below the centre of mass and presses the front "
     "down, so the slab meets each border early by mu times that lever: the error grows with the thickness, and a finer grid does "
-    "not lower it. With the linear pressure of a rigid body on that lever 0.3 % remain for both thicknesses. The closed form of "
+    "not lower it. The slab is elastic and vibrates while it slides, from look to look where the friction is largest; fewer "
+    "transfers damp it less (0.6 % of the speed with 4 substeps and h = 0.25 m, 0.3 % with one). A rigid slab does not: errors "
+    "are means of two looks, 0.2 s. With the linear pressure of a rigid body on that lever 0.3 % remain for both thicknesses. "
+    "The closed form of "
     f"Voellmy has the ground area that the law counts, {RIM:g} cells more at each rim.",
 )
