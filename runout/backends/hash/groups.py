@@ -163,7 +163,7 @@ class SurfaceGroup:
 class StructureGroup:
     """Fields of the structures of the scenes; owned by :class:`runout.backends.hash.structures.Structures`."""
 
-    fields: Table2  # (scenes, 7) of each field: see runout.backends.hash.structure_distance; 0 without one
+    fields: Table2  # (scenes, 7) of each field: see runout.backends.hash.structure_surface; 0 without one
     lattices: Doubles2  # (scenes, 7) local position of the first node of the field [m], its spacing [m], that of the grid (3) [m]
     planes: Doubles2  # (patches, 6) centre of each patch of the fields [lattice cells], and its normal
     rows: Ints  # row of each block of the fields, -1 for none within reach, one field behind the other

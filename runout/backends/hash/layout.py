@@ -37,6 +37,7 @@ Floats: TypeAlias = Any
 Longs: TypeAlias = Any
 Materials: TypeAlias = Any
 Frictions: TypeAlias = Any
+Surface: TypeAlias = Any
 Tile: TypeAlias = Any
 
 # vectors and matrices of the compiler that the binding puts in their place: numbers of a node; of 9 or 27 nodes, so many each
@@ -60,6 +61,7 @@ GRADIENT_TRANSFER = False  # transfer apic or aflip, or F-bar; the binding decid
 TWO_LAYERS = False  # either: particles read two layers of numbers by node; the binding decides
 COUNTED_AT_ONCE = True  # neither: warp takes branches by constants, not by their negation
 LIMITS_START = False  # fast contacts start from no force of the step before; the binding decides
+STRUCTURED = False  # the surface of contact is that of structures, else the ground; the binding decides
 SUBSTEPPED = False  # further substeps of a transfer, and its end; the binding decides
 KEPT, AVERAGED, BY_SLOPES = 5, 6, 7  # of a row of the clock: what the transfer does
 LASTING, SUBSTEPS, CLOCK = 8, 9, 10  # likewise: length [s] of a transfer, and its substeps; numbers in all
@@ -70,6 +72,7 @@ SECOND, HALVES = 72, 288  # nodes before the tile of the second half of a block,
 PUSHES, PUSHES_UP, SLOT = 64, 192, 256  # of what lies near the ground in a block: where impulses begin; numbers in all
 PIECE = 32  # nodes of a tile that lie in one of its blocks, or in two; a tile has seven pieces
 STAMPS = 2**23 - 1  # numbers of steps wrap here: single precision holds them exactly
+NO_STEP = -1.0  # stamp of no step: no impulse is given from before
 PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_PLAN, WIDE_X, WIDE_Y, WIDE_TILE = 512, 64, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
 NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances

@@ -75,7 +75,7 @@ def move_nodes(parts: Parts, k: Any = None, last: Any = None) -> None:
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
-        solution = *arguments, parts.scenes.friction
+        solution = *arguments, n.ground_group, parts.scenes.friction, 0
         for round_, (kernel, inputs) in enumerate(((k.find_contacts, arguments), (k.solve_contacts, solution))):
             run_each(kernel, n.places, WARP, *inputs)
             if parts.ordered:
@@ -117,14 +117,13 @@ def touch_structures(parts: Parts, k: Any) -> bool:
     slowing = parts.drags_column and parts.ground is not None
     if slowing:
         run(k.slow_nodes, i.capacity * 64, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
-    for ended, (find, solve, more) in enumerate(
-        ((k.find_structure_contacts, k.solve_structure_contacts, (s.friction,)), (k.find_entering, k.stop_entering, ()))
-    ):
-        for part, (kernel, inputs) in enumerate(((find, arguments), (solve, (*arguments, *more)))):
-            run_each(kernel, s.places, WARP, *inputs)
+    for entering in range(2):
+        launches = (k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction,))
+        for part, (kernel, more) in enumerate(launches):
+            run_each(kernel, s.places, WARP, *arguments, *more, entering)
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, part)
-        run(*settle, *settled, s.grounded, ended)
+        run(*settle, *settled, s.grounded, entering)
     return slowing
 
 

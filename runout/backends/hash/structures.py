@@ -21,8 +21,7 @@ from runout.backends.hash.index import Index
 from runout.backends.hash.layout import BESIDE, CELL_LANES, REACHED, room_for, run
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.state import Store
-from runout.backends.hash.structure_distance import OF_FIELD
-from runout.backends.hash.structure_solution import PARTED
+from runout.backends.hash.structure_surface import OF_FIELD, PARTED
 from runout.model.friction_laws import numbers_of
 from runout.model.scene import Scene
 from runout.model.structures import StructureField
