@@ -33,7 +33,7 @@ SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bo
     "float32": {"strain_in_place": 168, "grid_to_particles": 128},
     "float64": {"strain_in_place": 255, "grid_to_particles": 255, "solve_contacts": 168},
 }
-SUBSTEPS_SPILLED = {"float32": {"grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
+SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
 STRUCTURES_SPILLED = {"float32": {"solve_contacts": 8}, "float64": {}}
 SPILLED: dict[str, dict[str, int]] = {  # bytes a thread; cut_tiles runs once a sort, not once a step
     "float32": {"cut_tiles": 48},

@@ -42,6 +42,7 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     PIECE,
+    SLOT,
     STAMPS,
     STARTS,
     TILE,
@@ -56,7 +57,7 @@ from runout.backends.hash.layout import (
     own_block,
     own_lane,
 )
-from runout.backends.hash.stencil import _cell_of, _piece, _scene_of, _set_near_bases
+from runout.backends.hash.stencil import _cell_of, _piece, _place_of_begun, _scene_of, _set_near_bases
 from runout.physics.contact import in_contact, reach
 from runout.physics.heightfield import height_at
 from runout.physics.tensors import dot, real, vec
@@ -217,7 +218,11 @@ def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile
     if piece[2] >= 0 and s[0] != real(0.0):
         wp.atomic_add(contacts.shares, near_bases[piece[0]] + piece[1], s[0])
         if s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-            add_node(grid.nodes, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
+            push = node4(real(0.0), s[1], s[2], s[3])
+            add_node(grid.nodes, bases[piece[0]] + piece[1], push)
+            begun = _place_of_begun(contacts, near_bases[piece[0]] // SLOT)
+            if begun >= 0:
+                add_node(contacts.memory, begun + piece[1], push)
 
 
 def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int):

@@ -366,8 +366,13 @@ def _give_changes(grid: GridGroup, contacts: ContactGroup, tile: Tile, near_base
             _give(tile, contacts.shares, near_bases, 6, q)
 
 
-def _block_in_contact(status: StatusGroup, ground: GroundGroup, contacts: ContactGroup, place: int):
-    """Block with contacts that a block of threads solves, -1 if there is none, and the place of the block near the surface."""
+def _block_in_contact(
+    status: StatusGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup, place: int
+):  # fmt: skip
+    """Block with contacts that a block of threads solves, -1 if there is none, and the place of the block near the surface.
+
+    Blocks of scenes that wait in a further substep are left out.
+    """
     b = int(-1)
     near = int(place)
     if STRUCTURED:
@@ -379,6 +384,9 @@ def _block_in_contact(status: StatusGroup, ground: GroundGroup, contacts: Contac
         if row >= 0:
             b = contacts.touched[row, 0]
             near = contacts.touched[row, 1]
+    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if scenes.clock[_scene_of(blocks, scenes, wp.max(b, 0)), 0] <= real(0.0):
+            b = -1
     return b, near
 
 
@@ -395,7 +403,7 @@ def solve_contacts(
     """
     begin, lane = wp.tid()
     begin, lane = own_block(begin), own_lane(lane)
-    b, place = _block_in_contact(status, ground, contacts, begin)
+    b, place = _block_in_contact(status, blocks, ground, contacts, scenes, begin)
     if status.flags[HALT] != 0 or b < 0:
         return
     s = _scene_of(blocks, scenes, b)

@@ -60,8 +60,8 @@ class NodeArrays:
     ----------
     grid : (64 capacity,) four numbers
         The nodes. Longer if it takes more to hold a number for each particle, see :meth:`scratch`.
-    contact : (64 slots,) four numbers
-        The memory of ``shares``.
+    contact : (64 slots,) or (128 slots,) four numbers
+        The memory of ``shares``; behind it, with substeps, the impulses from which the contacts of a substep start.
     places, slots : int
         Room for blocks whose particles may touch the ground, and for blocks whose nodes these reach.
     generation : int
@@ -75,6 +75,7 @@ class NodeArrays:
         capacity, particles, ordered = index.capacity, store.size, index.ordered
         self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
         self.listed_later = averaged or substepped  # the lists of all particles are needed behind all contact
+        self.substepped = substepped
         self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
         layers, self.nothing = layers_of(kept, substepped, ordered), wp.zeros(0, dtype=wp.int32)
@@ -127,7 +128,7 @@ class NodeArrays:
         if slots > self.slots:
             self.slots = slots
             self.generation += 1
-            self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
+            self.contact = wp.zeros(64 * self.slots * (1 + self.substepped), dtype=self.vec4)
             memory = self.contact.ptr
             self.shares = wp.array(ptr=memory, dtype=self.number, shape=256 * self.slots, device=self.contact.device)
         self.ground_group = filled(self.types.GroundGroup, self, slopes=self.ground_slopes)

@@ -101,7 +101,8 @@ class ContactGroup:
     """Contact of a step; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
 
     shares: Reals  # (256 slots,) by slot 64 sums of contact weights, 64 pairs of impulses east and north, 64 upwards [N s]
-    memory: Nodes  # (64 slots,) the same memory by four numbers, to clear it
+    memory: Nodes  # (64 slots,) the same memory by four numbers, to clear it; where transfers may have several substeps, behind it
+    # (64 slots,) impulses [N s] from which the contacts of a substep start
     pressed: Ints  # (n,) particles in contact, cell by cell
     pressed_start: Table2  # (blocks, 65) where the cells of a block start in that list, and where the last ends
     touched: Table2  # (blocks, 2) blocks with particles in contact, and their places near the ground

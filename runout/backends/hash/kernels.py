@@ -143,7 +143,7 @@ KINDS = {
     "transfer.sums": _transfer("add_forces", "spread_dilatation", "average_dilatation"),
     "transfer.law": _transfer("grid_to_particles", "take_stresses"),
     "transfer.friction": _transfer("update_nodes"),
-    "substeps.sums": _substeps("resume_nodes", "close_step", "find_contacts"),
+    "substeps.sums": _substeps("resume_nodes", "close_step"),
     "substeps.law": _substeps("grid_to_particles", "strain_in_place"),
     "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
     "substeps.structures": _substeps("find_structure_contacts", "solve_contacts", structured=True),
@@ -221,7 +221,7 @@ def _kernels_of(
     names |= {"TWO_LAYERS": two_layers, "COUNTED_AT_ONCE": not two_layers, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
-    needed = {"slow_nodes": drags, "slow_columns": drags and ordered, "find_contacts": area or not what.substepped}
+    needed = {"slow_nodes": drags, "slow_columns": drags and ordered}
 
     def module_of(name: str) -> Any:
         wanted = what.wanted(name) and needed.get(name, True)

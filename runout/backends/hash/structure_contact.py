@@ -60,7 +60,7 @@ from runout.backends.hash.layout import (
     own_lane,
     put_node,
 )
-from runout.backends.hash.stencil import _cell_of, _contact_node, _first_node, _node, _scene_of
+from runout.backends.hash.stencil import _cell_of, _contact_node, _first_node, _node, _place_of_begun, _scene_of
 from runout.backends.hash.structure_surface import _cell, _surface
 from runout.physics.bspline import weights
 from runout.physics.contact import in_contact, reach
@@ -72,26 +72,31 @@ hits_before: Any = None  # how many of the lanes before a lane hit, and of all; 
 
 
 def settle_impulses(
-    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, reached: Ints,
-    ended: int,
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
+    reached: Ints, ended: int,
 ):  # fmt: skip
     """Add the impulses of contacts to the nodes that structures reach (``reached`` >= 0), and clear the sums there.
 
-    If contact has ``ended``, no block touches any more.
+    If contact has ``ended``, no block touches any more. With substeps, the weights of contacts with the ground stay, and the
+    contacts of the next substep start from the impulses. The nodes of a scene that waits have taken theirs.
     """
     t = wp.tid()
     b = t >> 6
     if status.flags[HALT] != 0 or b >= status.tally[BLOCKS]:
         return
     slot = ground.grounded[b]
-    if slot < 0 or reached[b] < 0:
+    if slot < 0 or reached[b] < 0 or scenes.clock[_scene_of(blocks, scenes, b), 0] <= real(0.0):
         return
     n = t & 63
     east = slot * SLOT + PUSHES + 2 * n
     up = slot * SLOT + PUSHES_UP + n
     push = node4(real(0.0), contacts.shares[east], contacts.shares[east + 1], contacts.shares[up])
     put_node(grid.nodes, t, node_at(grid.nodes, t) + push)
-    contacts.shares[slot * SLOT + n] = real(0.0)
+    begun = _place_of_begun(contacts, slot)
+    if begun >= 0:
+        put_node(contacts.memory, begun + n, node_at(contacts.memory, begun + n) + push)
+    else:
+        contacts.shares[slot * SLOT + n] = real(0.0)
     contacts.shares[east] = real(0.0)
     contacts.shares[east + 1] = real(0.0)
     contacts.shares[up] = real(0.0)

@@ -7,9 +7,11 @@
 
     --strain_in_place--> impulses --resume_nodes--> mass and momentum --contact, as in the first substep--> velocity
 
-A thread first owns a particle, then a cell. Lists, weights and masses of the nodes stay; every substep finds the contacts of the
-first anew, from records that have not changed. Where the scenes of a batch have different numbers of substeps, the time step of
-one that waits is negative in the clock.
+A thread first owns a particle, then a cell. Lists, weights and masses of the nodes stay, and so do the contacts with the ground:
+their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since particles
+keep their weights: the sum of the impulses of the substep before. Contacts with structures are found anew, from records that have
+not changed. Where the scenes of a batch have different numbers of substeps, the time step of one that waits is negative in the
+clock.
 """
 
 from __future__ import annotations
@@ -39,9 +41,11 @@ from runout.backends.hash.layout import (
     HALVES,
     NOT_NEGATIVE,
     ORDERED,
+    PUSHES,
+    PUSHES_UP,
+    SLOT,
     SUBSTEPS,
     TILE,
-    TOUCHED,
     WARP,
     Ints,
     Materials,
@@ -54,7 +58,7 @@ from runout.backends.hash.layout import (
     sums4,
 )
 from runout.backends.hash.shared_memory import ROOM
-from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _set_bases, _sum_arenas
+from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _place_of_begun, _set_bases, _sum_arenas
 from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
@@ -225,23 +229,31 @@ def strain_in_place(
                 book(grid.booked, b, 5 * (lane // WARP), all_lost)
 
 
+def _begin_contacts(contacts: ContactGroup, slot: int, n: int):
+    """Impulses [N s] of all contacts on a node in the substep before, from which they start in this one."""
+    east = slot * SLOT + PUSHES + 2 * n
+    up = slot * SLOT + PUSHES_UP + n
+    begun = _place_of_begun(contacts, slot) + n
+    push = node_at(contacts.memory, begun)
+    push += node4(real(0.0), contacts.shares[east], contacts.shares[east + 1], contacts.shares[up])
+    put_node(contacts.memory, begun, push)
+    contacts.shares[east] = real(0.0)
+    contacts.shares[east + 1] = real(0.0)
+    contacts.shares[up] = real(0.0)
+    return push
+
+
 def resume_nodes(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
     turn: int,
 ):  # fmt: skip
-    """Momentum of the nodes with the impulses of the new stress, and their way so far, in substep number ``turn``.
-
-    What the contacts of the substep before have left is cleared.
-    """
+    """Momentum of the nodes with the impulses of the new stress and of the contacts, and their way so far, in substep ``turn``."""
     t = wp.tid()
     b = t >> 6
     if status.flags[HALT] != 0:
         return
     if t < scenes.left.shape[0] and scenes.clock[t, 0] > real(0.0):
         scenes.step_counts[t] = scenes.step_counts[t] + 1
-        status.contacts[t] = 0
-    if t == 0:
-        status.tally[TOUCHED] = 0
     if b >= status.tally[BLOCKS]:
         return
     g = node_at(grid.nodes, t)
@@ -259,9 +271,8 @@ def resume_nodes(
             else:
                 push = node_at(grid.nodes, t + 2 * layer)
                 put_node(grid.nodes, t + 2 * layer, node4())
+            slot = ground.grounded[b]
+            if slot >= 0:
+                push += _begin_contacts(contacts, slot, t & 63)
             put_node(grid.nodes, t, node4(g[0], g[0] * g[1] + push[1], g[0] * g[2] + push[2], g[0] * g[3] + push[3]))
         put_node(grid.nodes, t + layer, way)
-    if ground.grounded[b] >= 0:
-        put_node(contacts.memory, ground.grounded[b] * CELL_LANES + (t & 63), node4())
-    if t & 63 == 0:
-        contacts.touching[b] = 0
