@@ -116,7 +116,7 @@ def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP), structu
     """A set of kernels of transfers of several substeps."""
     sources = (
         stencil, zones, contact_area, column_drag, nodes, structure_surface, contact_solution, contact_detection, structure_contact,
-        deform, grid_to_particles, substeps,
+        deform, grid_to_particles, particles_to_grid, substeps,
     )  # fmt: skip
     return Kind(sources, kernels.__contains__, FLOAT32_BLOCKS | STRUCTURE_BLOCKS, fast, substepped=True, structured=structured)
 
@@ -216,6 +216,7 @@ def _kernels_of(
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
     names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
     names |= {"GRADIENT_TRANSFER": what.gradient_transfer, "SUBSTEPPED": what.substepped, "STRUCTURED": what.structured}
+    names["GIVES_MASS"] = not what.substepped
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
     two_layers = what.gradient_transfer or what.substepped
     names |= {"TWO_LAYERS": two_layers, "COUNTED_AT_ONCE": not two_layers, "LIMITS_START": area and not what.substepped}

@@ -39,6 +39,7 @@ from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
     HALVES,
+    MANY,
     NOT_NEGATIVE,
     ORDERED,
     PUSHES,
@@ -55,14 +56,13 @@ from runout.backends.hash.layout import (
     node4,
     node_at,
     put_node,
-    sums4,
 )
+from runout.backends.hash.particles_to_grid import _sum_cell
 from runout.backends.hash.shared_memory import ROOM
 from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _place_of_begun, _set_bases, _sum_arenas
-from runout.physics.bspline import weights
-from runout.physics.tensors import real, vec
+from runout.physics.tensors import real
 
-MANY, OF_MANY = 256, 12 * 256  # particles of a block whose impulses are held at once; numbers that are held of them
+OF_MANY = 12 * MANY  # numbers that are held of the particles whose impulses are held at once
 FIRST = 2  # the first of the further substeps
 
 put_in: Any = None  # puts a number in its place in a tile; the binding puts it in its place
@@ -116,36 +116,6 @@ def _hold_push(held: Tile, place: int, f: Vector, push: Any):
         put_in(held, d * MANY + place, f[d])
     for d in range(9):
         put_in(held, (3 + d) * MANY + place, push[d])
-
-
-def _sum_held(held: Tile, begin: int, last: int):
-    """Impulses of the held particles ``begin`` ... ``last`` on the 27 nodes of their cell."""
-    acc = sums4()
-    for t in range(begin, last):
-        fx = held[t]
-        fy = held[MANY + t]
-        fz = held[2 * MANY + t]
-        wx = weights(fx)
-        wy = weights(fy)
-        wz = weights(fz)
-        ax = vec(held[3 * MANY + t], held[4 * MANY + t], held[5 * MANY + t])
-        ay = vec(held[6 * MANY + t], held[7 * MANY + t], held[8 * MANY + t])
-        az = vec(held[9 * MANY + t], held[10 * MANY + t], held[11 * MANY + t])
-        x = -fx * ax - fy * ay - fz * az
-        for i in range(3):
-            y = x
-            for j in range(3):
-                wij = wx[i] * wy[j]
-                z = y
-                for k in range(3):
-                    w = wij * wz[k]
-                    acc[(i * 3 + j) * 3 + k, 1] += w * z[0]
-                    acc[(i * 3 + j) * 3 + k, 2] += w * z[1]
-                    acc[(i * 3 + j) * 3 + k, 3] += w * z[2]
-                    z = z + az
-                y = y + ay
-            x = x + ax
-    return acc
 
 
 def _strain_some(
@@ -220,7 +190,7 @@ def strain_in_place(
                 meet()
                 for c in range(lane, CELL_LANES, lane_count()):
                     begins = wp.max(blocks.cstart[b, c], first) - first
-                    acc = _sum_held(held, begins, wp.min(blocks.cstart[b, c + 1], end) - first)
+                    acc = _sum_cell(held, particles.order, begins, wp.min(blocks.cstart[b, c + 1], end) - first)
                     _add_cell(halves, c, acc)
                 meet()
             _give_tile(halves, grid.arenas, grid.nodes, bases, b, lane, 2 * 64 * blocks.up.shape[0])
