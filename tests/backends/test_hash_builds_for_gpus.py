@@ -18,7 +18,7 @@ REGISTERS, FRAME = 0x2F, 0x11  # attributes of the section .nv.info of a cubin
 LARGEST = {  # registers a thread of the kernels that take the time; the others need at most 112
     "float32": {"particles_to_grid": 168, "grid_to_particles": 128, "sum_blocks": 128, "cut_tiles": 128},
     "float64": {"particles_to_grid": 255, "grid_to_particles": 222, "find_contacts": 168, "solve_contacts": 168, "sum_blocks": 136}
-    | {"cut_tiles": 168},
+    | {"cut_tiles": 128},
 }
 GRADIENT_TRANSFER = {  # of scenes with transfer apic or aflip, or F-bar; bounded for single precision, not measured
     "float32": {"grid_to_particles": 168, "add_forces": 168, "spread_dilatation": 240},
@@ -35,10 +35,7 @@ SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bo
 }
 SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
 STRUCTURES_SPILLED = {"float32": {"solve_contacts": 8}, "float64": {}}
-SPILLED: dict[str, dict[str, int]] = {  # bytes a thread; cut_tiles runs once a sort, not once a step
-    "float32": {"cut_tiles": 48},
-    "float64": {"particles_to_grid": 272, "cut_tiles": 48},
-}
+SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
 def resources(cubin: Path) -> dict[str, dict[int, int]]:
