@@ -13,25 +13,25 @@ from runout.model.laws import LAWS
 
 ARCHITECTURE = 90
 COULOMB = FRICTIONS.find("coulomb")
+LAUNCH = 64  # bytes that warp passes to a kernel beside its arguments, at most
 REGISTERS, FRAME = 0x2F, 0x11  # attributes of the section .nv.info of a cubin
 LARGEST = {  # registers a thread of the kernels that take the time; the others need at most 112
     "float32": {"particles_to_grid": 168, "grid_to_particles": 128, "sum_blocks": 128, "cut_tiles": 128},
     "float64": {"particles_to_grid": 255, "grid_to_particles": 222, "find_contacts": 168, "solve_contacts": 168, "sum_blocks": 136}
-    | {"cut_tiles": 168},
+    | {"cut_tiles": 128},
 }
 STRUCTURES: dict[str, dict[str, int]] = {  # of contact with structures; bounded for single precision, not measured
-    "float32": {"find_entering": 128},
-    "float64": dict.fromkeys(("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering"), 168),
+    "float32": {"find_structure_contacts": 128},
+    "float64": dict.fromkeys(("find_structure_contacts", "solve_contacts"), 168),
 }
 SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bounded for single precision, not measured
     "float32": {"strain_in_place": 168, "grid_to_particles": 128},
     "float64": {"strain_in_place": 255, "grid_to_particles": 255, "solve_contacts": 168},
 }
 SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
-SPILLED: dict[str, dict[str, int]] = {  # bytes a thread; cut_tiles runs once a sort, not once a step
-    "float32": {"cut_tiles": 48},
-    "float64": {"particles_to_grid": 272, "cut_tiles": 48},
-}
+AREAS_SPILLED = {"find_contacts": 8, "solve_contacts": 8}  # of laws of friction that use ground areas, in single precision
+STRUCTURES_SPILLED = {"float32": {"solve_contacts": 8}, "float64": {}}
+SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
 def resources(cubin: Path) -> dict[str, dict[int, int]]:
@@ -65,7 +65,7 @@ def require_within(kernels, modules, folder, registers, spilled):
         for path in wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=folder, use_ptx=False):
             built |= resources(path)
     here = set(modules)
-    wanted = [name for name, value in vars(kernels).items() if isinstance(value, wp.Kernel) and value.module in here]
+    wanted = [value.key for value in vars(kernels).values() if isinstance(value, wp.Kernel) and value.module in here]
     for name in wanted:
         values = next(v for mangled, v in built.items() if mangled.split("_cuda")[0][:-9] == name)  # name_12345678_cuda...
         assert values[REGISTERS] <= registers.get(name, 112), name
@@ -81,10 +81,14 @@ def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(structur
     kernels = vars(of_run) | (vars(of_run.later) if structured else {})
     arguments = {name: k.adj.args for name, k in kernels.items() if isinstance(k, wp.Kernel)}
     groups, array = vars(kernels["groups"]).values(), ctypes.sizeof(wp.empty(0, dtype=wp.int32, device="cpu").__ctype__())
-    sizes = {name: [g.ctype for a in some for g in groups if a.type is g] for name, some in arguments.items()}
-    bytes_of = {name: sum(map(ctypes.sizeof, found)) + array * (len(arguments[name]) - len(found)) for name, found in sizes.items()}
+    sizes = {group: ctypes.sizeof(group.ctype) for group in groups}
+    number = ctypes.sizeof(ctypes.c_double)
+    bytes_of = {
+        name: sum(sizes.get(a.type, array if isinstance(a.type, wp.array) else number) for a in some)
+        for name, some in arguments.items()
+    }
     assert max(map(len, arguments.values())) <= 12
-    assert 3000 < max(bytes_of.values()) < 4000
+    assert 3000 < max(bytes_of.values()) <= 4096 - LAUNCH
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -114,14 +118,14 @@ def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(pr
     more = [module for module in structured.modules if module not in plain.modules]
     assert set(plain.modules) < set(structured.modules)
     assert set(more) <= set(other.modules)
-    assert require_within(structured, more, tmp_path, STRUCTURES[precision], {}) == 8
+    assert require_within(structured, more, tmp_path, STRUCTURES[precision], STRUCTURES_SPILLED[precision]) == 6
 
 
-@pytest.mark.parametrize(("law", "spilled"), [("voellmy_base", {"solve_contacts": 8}), ("voellmy", {"solve_contacts": 16})])
-def test_contact_with_ground_areas_builds_within_the_same_registers_and_hardly_spills(law, spilled, tmp_path):
+@pytest.mark.parametrize("law", ["voellmy_base", "voellmy"])
+def test_contact_with_ground_areas_builds_within_the_same_registers_and_hardly_spills(law, tmp_path):
     kernels = compiled_kernels(LAWS.find("drucker_prager"), FRICTIONS.find(law), "float32", False)
     contact = {kernels.find_contacts.module, kernels.solve_contacts.module, kernels.update_nodes.module}
-    assert require_within(kernels, contact, tmp_path, LARGEST["float32"], SPILLED["float32"] | spilled) >= 4
+    assert require_within(kernels, contact, tmp_path, LARGEST["float32"], AREAS_SPILLED) >= 4
 
 
 def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(tmp_path):

@@ -1,6 +1,7 @@
 """Transfers of several substeps on the hash backend: what the reference gives, batches, looks, early sorts, memory."""
 
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from test_sparse_equals_dense import CLAY, rough
 
 from runout import Voellmy, VoellmyBase
 from runout.backends.hash import backend as hash_backend
-from runout.backends.hash import batch, substeps
+from runout.backends.hash import batch, step, substeps
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 from runout.studies.verification_cases.bar import vibration
@@ -159,6 +160,37 @@ def test_a_scene_that_may_have_substeps_gives_the_bits_of_one_that_may_not_where
     assert_same_numbers(one[1], other[1])
 
 
+def launches_of(monkeypatch, a_scene, p, deterministic, number):
+    """Launches of each kernel in a transfer of so many substeps."""
+    engine, found = after_one(a_scene, p, deterministic), Counter()
+
+    def counting(launch):
+        return lambda kernel, *arguments: found.update([kernel.key]) or launch(kernel, *arguments)
+
+    with monkeypatch.context() as patched:
+        for name in ("run", "run_each", "run_blocks"):
+            patched.setattr(step, name, counting(getattr(step, name)))
+        engine.step(DT, number)
+    return found
+
+
+def after_one(a_scene, p, deterministic):
+    """An engine after one transfer."""
+    engine = loaded(on_cpu(deterministic=deterministic), a_scene, p)
+    engine.step(DT, 4)
+    return engine
+
+
+@pytest.mark.parametrize("deterministic", [False, True])
+@pytest.mark.parametrize(("friction", "more"), [("coulomb", ()), ("drag at the base", ()), ("own drags", ("sum_columns",))])
+def test_a_further_substep_finds_no_contacts_and_launches_few_kernels(monkeypatch, friction, more, deterministic):
+    a_scene, p = collapse(friction=FRICTIONS[friction])
+    three, four = (launches_of(monkeypatch, a_scene, p, deterministic, number) for number in (3, 4))
+    ordered = ("sum_contacts", *(["slow_columns"] if more else [])) if deterministic else ()
+    assert four - three == Counter(("strain_in_place", "resume_nodes", "solve_contacts", "update_nodes", *more, *ordered))
+    assert three["find_contacts"] == four["find_contacts"] == 1
+
+
 def members(precision="float64"):
     """Scenes of a batch, and the substeps of their transfers."""
     grounds, speeds = (rough(), plane(0.2), plane(0.1, 0.1), rough()), (6.0, 2.0, 4.0, 1.0)
@@ -257,7 +289,6 @@ def test_forecast_of_the_memory_is_that_of_the_arrays(deterministic):
         engine = loaded(on_cpu(deterministic=deterministic), replace(a_scene, substeps=most), p)
         index = engine.parts.index
         sizes[most] = engine.bytes_used()
-        said[most] = hash_backend.bytes_needed(
-            len(p), index.nall, "float64", deterministic, substeps=most
-        )  # fmt: skip
+        near = int((engine.parts.nodes.grounded.numpy() >= 0).sum())
+        said[most] = hash_backend.bytes_needed(len(p), index.nall, "float64", deterministic, near, substeps=most)
     assert said[4] - said[1] == pytest.approx(sizes[4] - sizes[1], rel=0.02)

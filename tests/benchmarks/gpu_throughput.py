@@ -158,10 +158,16 @@ def record_sorts(batch: Any) -> None:
             batch._rebuild(), batch._settle()
 
 
+def find_and_move(parts: Any) -> None:
+    """Contacts and velocities of the nodes, one stage of the records."""
+    step.find_contacts(parts)
+    step.move_nodes(parts)
+
+
 def stages(backend: Any, steps: int) -> dict[str, float]:
     """Mean seconds of the stages of a step, by events between the launches (no graph), and of a sort with a new index."""
     names = STAGES
-    works = (step.particles_to_grid, step.move_nodes, step.grid_to_particles, step.list_cells)
+    works = (step.particles_to_grid, find_and_move, step.grid_to_particles, step.list_cells)
     sums = dict.fromkeys(names, 0.0)
     record_sorts(backend)  # or a particle might leave the index within the steps
     with wp.ScopedDevice(backend.device):

@@ -144,7 +144,7 @@ def bytes_needed(
     grid = 4 * number * max(layers_of(substepped, deterministic) * nodes, particles // 4)
     block = 520 + 2 * number + 260 * substepped + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
-    contact = room_for(near) * 64 * 4 * number + tiles
+    contact = room_for(near) * 64 * 4 * number * (1 + substepped) + tiles
     more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0
     if friction:
         more += bytes_of_areas(friction, mixed, room_for(blocks), number, deterministic)

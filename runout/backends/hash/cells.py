@@ -47,7 +47,7 @@ from runout.backends.hash.layout import (
     own_lane,
     put_node,
 )
-from runout.backends.hash.stencil import _cell_entry, _cell_of
+from runout.backends.hash.stencil import _cell_entry, _cell_of, _place_of_begun
 from runout.physics.tensors import real
 
 next_four: Any = None  # adds one to each of four counts and tells what they were before; the binding puts it in its place
@@ -111,10 +111,14 @@ def list_cells(
         _list_block(status, blocks, b, lane, given)
         if lane == 0:
             contacts.touching[b] = 0
+        slot = int(ground.grounded[b])
+        begun = _place_of_begun(contacts, slot)
         for c in range(lane, CELL_LANES, lane_count()):
             put_node(grid.nodes, b * CELL_LANES + c, node4())
-            if ground.grounded[b] >= 0:
-                put_node(contacts.memory, ground.grounded[b] * CELL_LANES + c, node4())
+            if slot >= 0:
+                put_node(contacts.memory, slot * CELL_LANES + c, node4())
+                if begun >= 0:
+                    put_node(contacts.memory, begun + c, node4())
         if AREAS_AT_ONCE:
             _clear_columns(contacts, columns, b, lane)
 

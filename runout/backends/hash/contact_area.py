@@ -84,7 +84,7 @@ def sum_columns(
 ):  # fmt: skip
     """Sum the weights of contacts in each column of nodes, and if drag slows it mass and momentum; a thread each.
 
-    In fixed order; or, where contacts add up their weights and impulses, before they do so in a further substep of a transfer.
+    In fixed order; and where drag slows columns in each further substep of a transfer, before the contacts push the nodes.
     """
     t = wp.tid()
     first = t // COLUMNS

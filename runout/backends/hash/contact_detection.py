@@ -18,7 +18,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.contact_area import _give_weights, _set_all_bases
-from runout.backends.hash.contact_solution import HELD, HELD_REST, _around, _clear, _given, _ground, _hold, _number, _spread
+from runout.backends.hash.contact_solution import HELD, HELD_REST, _around, _clear, _given, _ground, _hold, _number, _spread_all
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -42,11 +42,13 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     PIECE,
+    SLOT,
     STAMPS,
     STARTS,
     TILE,
     TOUCHED,
     Halves,
+    Surface,
     Tile,
     Vector,
     add_node,
@@ -55,7 +57,7 @@ from runout.backends.hash.layout import (
     own_block,
     own_lane,
 )
-from runout.backends.hash.stencil import _cell_of, _piece, _scene_of, _set_near_bases
+from runout.backends.hash.stencil import _cell_of, _piece, _place_of_begun, _scene_of, _set_near_bases
 from runout.physics.contact import in_contact, reach
 from runout.physics.heightfield import height_at
 from runout.physics.tensors import dot, real, vec
@@ -198,15 +200,15 @@ def _note_starts(contacts: ContactGroup, starts: Tile, begin: int, b: int, lane:
 
 
 def _load_given(
-    particles: ParticleGroup, contacts: ContactGroup, constants: Constants, pushes: Tile, offsets: Tile, begin: int, end: int,
-    lane: int, stamp: Any, dt: Any,
+    particles: ParticleGroup, contacts: ContactGroup, constants: Constants, surface: Surface, pushes: Tile, offsets: Tile,
+    begin: int, end: int, lane: int, stamp: Any, dt: Any,
 ):  # fmt: skip
     """Hold impulses by the forces of the step before, and offsets, of up to HELD particles of the list."""
     for q in range((end - begin + lane_count() - 1) // lane_count()):
         n = q * lane_count() + lane
         p = contacts.pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-        _hold(pushes, offsets, n, _given(particles, p, stamp, dt, constants), f, begin + n < end)
+        _hold(pushes, offsets, n, _given(particles, constants, surface, p, stamp, dt), f, begin + n < end)
 
 
 def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, u: int, q: int):
@@ -216,7 +218,11 @@ def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile
     if piece[2] >= 0 and s[0] != real(0.0):
         wp.atomic_add(contacts.shares, near_bases[piece[0]] + piece[1], s[0])
         if s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-            add_node(grid.nodes, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
+            push = node4(real(0.0), s[1], s[2], s[3])
+            add_node(grid.nodes, bases[piece[0]] + piece[1], push)
+            begun = _place_of_begun(contacts, near_bases[piece[0]] // SLOT)
+            if begun >= 0:
+                add_node(contacts.memory, begun + piece[1], push)
 
 
 def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int):
@@ -234,6 +240,33 @@ def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Til
         _give_weights(contacts, tile, bases, lane)
 
 
+def _give_listed(
+    particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
+    constants: Constants, surface: Surface, tile: Tile, bases: Tile, starts: Tile, counts: Tile, b: int, place: int, first: int,
+    found: int, lane: int, stamp: Any,
+):  # fmt: skip
+    """Note where the cells of a block start in the list of its ``found`` contacts, and add their weights to the nodes.
+
+    Impulses by the forces of the step with this stamp are added to the momentum of the nodes.
+    """
+    filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
+    near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+    pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+    offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
+    many = _number(starts, filled, counts, lane)
+    _note_starts(contacts, starts, first, b, lane)
+    _set_all_bases(bases, blocks, contacts, b, lane)
+    _set_near_bases(near_bases, ground.near_up, place, lane)
+    _clear(tile, node4(), lane)
+    dt = scenes.clock[_scene_of(blocks, scenes, b), 0]
+    for base in range(0, found, HELD):
+        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
+        last = wp.min(first + found, first + base + HELD)
+        _load_given(particles, contacts, constants, surface, pushes, offsets, first + base, last, lane, stamp, dt)
+        _spread_all(tile, pushes, offsets, starts, filled, many, base, lane, True)
+    _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
+
+
 def find_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
     contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
@@ -248,11 +281,9 @@ def find_contacts(
     if status.flags[HALT] != 0 or b < 0:
         return
     s = _scene_of(blocks, scenes, b)
-    dt = scenes.clock[s, 0]
-    if dt > real(0.0):
+    if scenes.clock[s, 0] > real(0.0):
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
         counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
-        filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
         places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
@@ -271,30 +302,17 @@ def find_contacts(
                 found = _keep_touching(particles, ground, contacts, constants, search, queue, head, end, counts, found)
                 head = wp.min(head + lane_count(), end)
         if found > 0:
-            many = _number(starts, filled, counts, lane)
-            _note_starts(contacts, starts, first, b, lane)
             turn = int(0)
             if lane == 0:
                 turn = take_place(status.tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
                 contacts.touching[b] = found
                 wp.atomic_add(status.contacts, s, found)
             bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
-            near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
-            pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-            offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
-            _set_all_bases(bases, blocks, contacts, b, lane)
-            _set_near_bases(near_bases, ground.near_up, place, lane)
-            _clear(tile, node4(), lane)
-            stamp = real((scenes.step_counts[s] - 1) & STAMPS)
-            for base in range(0, found, HELD):
-                wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
-                last = wp.min(first + found, first + base + HELD)
-                _load_given(particles, contacts, constants, pushes, offsets, first + base, last, lane, stamp, dt)
-                for turns in range((many + lane_count() - 1) // lane_count()):
-                    mine = turns * lane_count() + lane
-                    _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, True)
-            _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
+            _give_listed(
+                particles, blocks, grid, ground, contacts, scenes, constants, ground, tile, bases, starts, counts, b, place, first,
+                found, lane, real((scenes.step_counts[s] - 1) & STAMPS),
+            )  # fmt: skip
             if lane == 0:
                 contacts.touched[turn, 0] = b
                 contacts.touched[turn, 1] = place

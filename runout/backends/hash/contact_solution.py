@@ -1,10 +1,13 @@
-"""Contact solution: one impulse of the ground per particle in contact, spread to the nodes.
+"""Contact solution: one impulse of a surface per particle in contact, spread to the nodes.
 
     tile (shared memory)   6 x 6 x 6 nodes: velocity x, y, z and compliance; later the impulses
     pushes, offsets        64 particles at a time: impulse and offset x; offsets y, then offsets z, then drag if columns take it
-    particles.forces[p]    stamp of the step of the last contact | force of the ground x, y, z [N]
+    forces[p]              stamp of the step of the last contact | force of the surface x, y, z [N]
     contacts.shares        impulses by node, as in contact_detection
     contacts.column_pushes drag and impulses by column of nodes, if columns take drag: see column_drag
+
+The surface is the ground or, where kernels are compiled for these, that of structures. The two differ in the normal and the gap
+of a particle, in its friction, in what is booked, and in the blocks that are solved.
 
 A thread computes the impulse of one particle, starting from the force of the step before. Then a thread owns a cell and adds the
 changes of the impulses of its particles to the 27 nodes.
@@ -26,6 +29,7 @@ from runout.backends.hash.groups import (
     ParticleGroup,
     SceneGroup,
     StatusGroup,
+    StructureGroup,
 )
 from runout.backends.hash.layout import (
     AFFINE,
@@ -38,6 +42,7 @@ from runout.backends.hash.layout import (
     LIMITS_START,
     MASS,
     MOMENTUM,
+    NO_STEP,
     NOT_NEGATIVE,
     OFFSET,
     ORDERED,
@@ -46,6 +51,7 @@ from runout.backends.hash.layout import (
     PUSHES_UP,
     STAMPS,
     STARTS,
+    STRUCTURED,
     SUBSTEPPED,
     TILE,
     TOUCHED,
@@ -54,6 +60,7 @@ from runout.backends.hash.layout import (
     Nodes,
     Reals,
     Rows,
+    Surface,
     Tile,
     Vector,
     add_node,
@@ -64,12 +71,14 @@ from runout.backends.hash.layout import (
     sums9,
 )
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_near_bases
+from runout.backends.hash.structure_surface import _book_impulse, _book_work, _cell, _surface
 from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
 from runout.physics.contact import column_drag, fastest_start, impulse, started_time, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
+from runout.physics.structures import contact_gap, entry_velocity, stopping_impulse
 from runout.physics.substeps import moved_gap, time_ahead
-from runout.physics.tensors import real, tens, vec
+from runout.physics.tensors import dot, real, tens, vec
 
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
 HELD_REST = 2 * HELD  # the rest of what is held of them; the binding adds HELD where their drag is held too
@@ -164,6 +173,12 @@ def _way(rec: Rows, p: int):
     return vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
 
 
+def _velocity(rec: Rows, p: int):
+    """Velocity [m/s] of a particle at the start of the step."""
+    m = rec[MASS, p]
+    return vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
+
+
 def _velocity_in_place(rec: Rows, p: int):
     """Velocity [m/s] of a particle at the start of a substep, likewise."""
     return vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
@@ -180,43 +195,89 @@ def _moved(f: Vector, way: Vector, h: Vector):
     return vec(f[0] + way[0] / h[0], f[1] + way[1] / h[1], f[2] + way[2] / h[2])
 
 
-def _push(
-    particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile, bases: Tile,
-    near: int, c: int, p: int, f: Vector, way: Vector, basal: Any, dt: Any, given: Vector,
+def _surface_at(
+    blocks: BlockGroup, scenes: SceneGroup, constants: Constants, surface: Surface, s: int, b: int, near: int, c: int, f: Vector,
+    way: Vector, radius: Any,
 ):  # fmt: skip
-    """Work [J] and impulse [N s] of the ground on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
+    """Normal of the surface and gap [m] of a particle at offset ``f`` in a cell; of structures the distance, and the patch.
 
-    The nodes hold the ``given`` part of the impulse. The ground is that at the end of a ``way`` [m] from the start of the transfer.
+    The ground is that at the end of a ``way`` [m] from the start of the transfer.
+    """
+    patch = int(0)
+    if STRUCTURED:
+        n, gap, patch = _surface(surface, s, _cell(blocks, scenes, s, b, c), f, real(wp.inf))
+    else:
+        n, gap = _ground(_around(surface.tiles, near, c), c & 3, _moved(f, way, constants.h), radius, constants.h)
+        gap = moved_gap(gap, n, -way)
+    return n, gap, patch
+
+
+def _push_of_structure(
+    particles: ParticleGroup, constants: Constants, structures: StructureGroup, friction: Frictions, p: int, patch: int, u: Vector,
+    n: Vector, apart: Any, compliance: Any, dt: Any, given: Vector, entering: int,
+):  # fmt: skip
+    """Impulse [N s] of a patch on a particle at a distance ``apart`` [m]; if it is ``entering``, the one that stops it before."""
+    push = vec(real(0.0), real(0.0), real(0.0))
+    if entering != 0:
+        size = stopping_impulse(dot(u, n), entry_velocity(apart, dt, constants.band), compliance)
+        push = vec(size * n[0], size * n[1], size * n[2])
+    else:
+        basal = friction[structures.first_friction[int(particles.release[p])] + patch]
+        push = impulse(u, n, contact_gap(apart, particles.radius[p]), compliance, basal, dt, given, real(0.0))
+    return push
+
+
+def _push(
+    particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
+    surface: Surface, friction: Frictions, tile: Tile, bases: Tile, s: int, b: int, near: int, c: int, p: int, f: Vector, dt: Any,
+    given: Vector, entering: int,
+):  # fmt: skip
+    """Work [J] and impulse [N s] of the surface on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
+
+    The nodes hold the ``given`` part of the impulse. Structures book the impulse on the nearest patch.
     """
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
-    n, gap = _ground(_around(ground.tiles, near, c), c & 3, _moved(f, way, constants.h), particles.radius[p], constants.h)
-    gap = moved_gap(gap, n, -way)
+    way = _way_ahead(particles.rec, p, time_ahead(scenes.clock[s, LASTING], dt))
+    n, gap, patch = _surface_at(blocks, scenes, constants, surface, s, b, near, c, f, way, particles.radius[p])
     area = real(0.0)
     if AREAS:
         area = _area(contacts, bases, c, f, n[2], constants.h)
     if SUBSTEPPED:
         gap = moved_gap(gap, n, _way(particles.rec, p))
-    push = impulse(u, n, gap, compliance, basal, dt, given, area)
+    push = vec(real(0.0), real(0.0), real(0.0))
     drag = real(0.0)
-    if DRAGS_COLUMN:
-        drag = column_drag(push, u, n, area, dt, basal)
-    m = particles.rec[MASS, p]
-    before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
-    if SUBSTEPPED:
-        before = _velocity_in_place(particles.rec, p)
+    if STRUCTURED:
+        push = _push_of_structure(particles, constants, surface, friction, p, patch, u, n, gap, compliance, dt, given, entering)
+        _book_impulse(surface, s, patch, push)
+    else:
+        basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, _moved(f, way, constants.h))]
+        push = impulse(u, n, gap, compliance, basal, dt, given, area)
+        if DRAGS_COLUMN:
+            drag = column_drag(push, u, n, area, dt, basal)
+    before = _velocity_in_place(particles.rec, p) if SUBSTEPPED else _velocity(particles.rec, p)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2]), drag
 
 
-def _given(particles: ParticleGroup, p: int, stamp: Any, dt: Any, constants: Constants):
-    """Impulse [N s] by the force of the step with this stamp; none if a particle did not touch the ground then or is too fast."""
-    last = particles.forces[particles.number[p]]
+def _given(particles: ParticleGroup, constants: Constants, surface: Surface, p: int, stamp: Any, dt: Any):
+    """Impulse [N s] by the force of the step with this stamp; none if a particle did not touch then or is too fast."""
+    n = particles.number[p]
+    last = surface.forces[n] if STRUCTURED else particles.forces[n]
     lasting = wp.where(last[0] == stamp, dt, real(0.0))
     if LIMITS_START:
-        m = particles.rec[MASS, p]
-        v = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
+        v = _velocity(particles.rec, p)
         h, gravity = constants.h, real(wp.length(constants.gravity))
         lasting = wp.min(lasting, started_time(v, fastest_start(wp.min(h[0], wp.min(h[1], h[2])), gravity, dt), dt))
     return vec(lasting * last[1], lasting * last[2], lasting * last[3])
+
+
+def _keep_force(particles: ParticleGroup, surface: Surface, p: int, stamp: Any, push: Any, dt: Any, entering: int):
+    """Note the force of the surface on a particle in the step with this stamp, from work and impulse; none that stops it."""
+    force = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
+    if STRUCTURED:
+        if entering == 0:
+            surface.forces[particles.number[p]] = force
+    else:
+        particles.forces[particles.number[p]] = force
 
 
 def _clear(tile: Tile, nothing: Any, lane: int):
@@ -270,6 +331,15 @@ def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base:
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
 
 
+def _spread_all(
+    tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, filled: Tile, many: int, base: int, lane: int, weighed: bool
+):  # fmt: skip
+    """The same for all cells that have contacts, which are ``many``; a lane takes one at a time."""
+    for turn in range((many + lane_count() - 1) // lane_count()):
+        mine = turn * lane_count() + lane
+        _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, weighed)
+
+
 def _put(arenas: Nodes, place: int, push: Any, base: int):
     """Add the impulse at a node to the arena of the block; the first round replaces what an earlier step left there."""
     s = node4(push)
@@ -300,34 +370,65 @@ def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
         wp.atomic_add(shares, bases[piece[0]] + PUSHES_UP + piece[1], s[3])
 
 
-def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
-    """The same for a node of each piece."""
-    for u in range(3):
-        _give(tile, shares, bases, u, q)
-        _give(tile, shares, bases, u + 3, q)
-    _give(tile, shares, bases, 6, q)
+def _give_changes(grid: GridGroup, contacts: ContactGroup, tile: Tile, near_bases: Tile, b: int, lane: int, base: int):
+    """Changes of the impulses in the tile of block ``b`` to the nodes; in fixed order to the arena of the block."""
+    if ORDERED:
+        for t in range(lane, TILE, lane_count()):
+            _put(grid.arenas, b * TILE + t, tile[t], base)
+    else:
+        for q in range(lane, PIECE, lane_count()):
+            for u in range(3):
+                _give(tile, contacts.shares, near_bases, u, q)
+                _give(tile, contacts.shares, near_bases, u + 3, q)
+            _give(tile, contacts.shares, near_bases, 6, q)
+
+
+def _block_in_contact(
+    status: StatusGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup, place: int
+):  # fmt: skip
+    """Block with contacts that a block of threads solves, -1 if there is none, and the place of the block near the surface.
+
+    Blocks of scenes that wait in a further substep are left out.
+    """
+    b = int(-1)
+    near = int(place)
+    if STRUCTURED:
+        b = ground.standing[place]
+        if contacts.touching[wp.max(b, 0)] == 0:
+            b = -1
+    else:
+        row = status.tally[TOUCHED] - 1 - place  # blocks found last are still in the L2 cache
+        if row >= 0:
+            b = contacts.touched[row, 0]
+            near = contacts.touched[row, 1]
+    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if scenes.clock[_scene_of(blocks, scenes, wp.max(b, 0)), 0] <= real(0.0):
+            b = -1
+    return b, near
 
 
 def solve_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
-    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, friction: Frictions,
+    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, surface: Surface, friction: Frictions, entering: int,
 ):  # fmt: skip
     """Compute one impulse per contact particle, and add its change since the detection to the nodes.
 
-    Work [J] and impulse [N s] of the ground are booked by block.
+    Work [J] and impulse [N s] of the ground are booked by block, those of structures by scene and patch; these also stop particles
+    that are ``entering``.
 
     A thread first owns a particle and finds its impulse, then a cell and adds up those of its particles.
     """
     begin, lane = wp.tid()
     begin, lane = own_block(begin), own_lane(lane)
-    row = status.tally[TOUCHED] - 1 - begin  # blocks found last are still in the L2 cache
-    if status.flags[HALT] != 0 or row < 0:
+    b, place = _block_in_contact(status, blocks, ground, contacts, scenes, begin)
+    if status.flags[HALT] != 0 or b < 0:
         return
-    b = int(contacts.touched[row, 0])
-    place = int(contacts.touched[row, 1])
     s = _scene_of(blocks, scenes, b)
     dt = scenes.clock[s, 0]
     last, stamp = real((scenes.step_counts[s] - 1) & STAMPS), real(scenes.step_counts[s] & STAMPS)
+    if STRUCTURED:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if entering != 0:
+            last = real(NO_STEP)
     starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
     tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
     bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
@@ -356,25 +457,22 @@ def solve_contacts(
                 p = ahead & NOT_NEGATIVE
                 ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                way = _way_ahead(particles.rec, p, time_ahead(scenes.clock[s, LASTING], dt))
-                basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, _moved(f, way, constants.h))]
-                given = _given(particles, p, last, dt, constants)
-                push, drag = _push(particles, ground, contacts, constants, tile, bases, place, c, p, f, way, basal, dt, given)
+                given = _given(particles, constants, surface, p, last, dt)
+                push, drag = _push(
+                    particles, blocks, contacts, scenes, constants, surface, friction, tile, bases, s, b, place, c, p, f, dt,
+                    given, entering,
+                )  # fmt: skip
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
-                particles.forces[particles.number[p]] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
+                _keep_force(particles, surface, p, stamp, push, dt, entering)
             _hold(pushes, offsets, n - base, change, f, n < total)
             if DRAGS_COLUMN:
                 wp.tile_scatter_masked(offsets, 2 * HELD + n - base, drag, n < total)
-        book_four(grid.booked, b, 1, done)
-        _clear(tile, node4(), lane)
-        for turn in range((many + lane_count() - 1) // lane_count()):
-            mine = turn * lane_count() + lane
-            _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
-        _give_columns(contacts, tile, bases, b, lane, base)
-        if ORDERED:
-            for t in range(lane, TILE, lane_count()):
-                _put(grid.arenas, b * TILE + t, tile[t], base)
+        if STRUCTURED:
+            _book_work(surface, s, done[0], lane)
         else:
-            for q in range(lane, PIECE, lane_count()):
-                _give_all(tile, contacts.shares, near_bases, q)
+            book_four(grid.booked, b, 1, done)
+        _clear(tile, node4(), lane)
+        _spread_all(tile, pushes, offsets, starts, filled, many, base, lane, False)
+        _give_columns(contacts, tile, bases, b, lane, base)
+        _give_changes(grid, contacts, tile, near_bases, b, lane, base)

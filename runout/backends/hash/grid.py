@@ -60,8 +60,8 @@ class NodeArrays:
     ----------
     grid : (64 capacity,) four numbers
         The nodes. Longer if it takes more to hold a number for each particle, see :meth:`scratch`.
-    contact : (64 slots,) four numbers
-        The memory of ``shares``.
+    contact : (64 slots,) or (128 slots,) four numbers
+        The memory of ``shares``; behind it, with substeps, the impulses from which the contacts of a substep start.
     places, slots : int
         Room for blocks whose particles may touch the ground, and for blocks whose nodes these reach.
     generation : int
@@ -74,14 +74,14 @@ class NodeArrays:
     ):  # fmt: skip
         capacity, particles, ordered = index.capacity, store.size, index.ordered
         self.number, self.generation, self.slots, self.places = number, 0, -1, -1
-        self.listed_later = substepped  # the lists of all particles are needed behind all contact
+        self.substepped = substepped
         self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
         layers, self.nothing = layers_of(substepped, ordered), wp.zeros(0, dtype=wp.int32)
         self.grid = wp.zeros(max(layers * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
         self.arenas = wp.zeros(capacity * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(capacity * ordered, dtype=wp.int32)
-        apart = self.listed_later or structured  # they are needed behind contact with the ground
+        apart = substepped or structured  # the lists of all particles are needed behind contact with the ground
         lists = particles * apart, (capacity * apart, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
@@ -126,7 +126,7 @@ class NodeArrays:
         if slots > self.slots:
             self.slots = slots
             self.generation += 1
-            self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
+            self.contact = wp.zeros(64 * self.slots * (1 + self.substepped), dtype=self.vec4)
             memory = self.contact.ptr
             self.shares = wp.array(ptr=memory, dtype=self.number, shape=256 * self.slots, device=self.contact.device)
         self.ground_group = filled(self.types.GroundGroup, self, slopes=self.ground_slopes)

@@ -36,6 +36,8 @@ from runout.physics.heightfield import surface_at as surface_at64
 from runout.physics.tensors import real
 from runout.physics.tensors import tens as tens64
 
+LINES = 3  # along which the surface is sampled for a coefficient of a tile
+
 
 def _sample(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64):
     """Elevation [m] at lattice position (qx, qy) and its slopes by qx and qy [m]; nx x ny coefficients start at ``first``."""
@@ -71,10 +73,11 @@ def _change_at(surface: SurfaceGroup, s: int, m: int, n: int):
     return surface.changes[surface.shapes[s, 3] + i * surface.shapes[s, 7] + j]
 
 
-def cut_tiles(blocks: BlockGroup, scenes: SceneGroup, surface: SurfaceGroup, cut: Rows):
+def cut_tiles(blocks: BlockGroup, scenes: SceneGroup, surface: SurfaceGroup, cut: Rows, lines: int):
     """Surface coefficients on the nodes of each block that may hold particles, relative to its lowest node [cells].
 
-    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells.
+    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. It is sampled along
+    ``lines``, which are three; the compiler does not know their number: it would load the samples of all at once, and spill.
     """
     b, t = wp.tid()
     if blocks.up[b, 0] < 0:
@@ -92,9 +95,12 @@ def cut_tiles(blocks: BlockGroup, scenes: SceneGroup, surface: SurfaceGroup, cut
     ax = wp.float64(0.5) * h[0] / lattices[s, 2]
     ay = wp.float64(0.5) * h[1] / lattices[s, 3]
     before = _sample(surface.coefficients, first, nx, ny, qx - ax - ax, qy)
-    west, slope_west = _along_north(surface.coefficients, first, nx, ny, qx - ax, qy, ay)
-    here, slope = _along_north(surface.coefficients, first, nx, ny, qx, qy, ay)
-    east, slope_east = _along_north(surface.coefficients, first, nx, ny, qx + ax, qy, ay)
+    west, here, east = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+    slope_west, slope, slope_east = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+    for k in range(lines):
+        west, slope_west = here, slope
+        here, slope = east, slope_east
+        east, slope_east = _along_north(surface.coefficients, first, nx, ny, qx + wp.float64(k - 1) * ax, qy, ay)
     after = _sample(surface.coefficients, first, nx, ny, qx + ax + ax, qy)
     smooth = bend_smoothness64(before[1], slope_west, slope, slope_east, after[1])
     e = resampled_coefficient64(west, here, east, smooth) + _change_at(surface, s, m, n)
@@ -258,7 +264,7 @@ class Ground:
     def cut(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, scenes: SceneArrays) -> None:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
         cut, status, ground = nodes.scratch((index.capacity, 40), nodes.number), index.status.group, nodes.ground_group
-        run(k.cut_tiles, (index.capacity, 36), index.block_group, scenes.group, self.group, cut)
+        run(k.cut_tiles, (index.capacity, 36), index.block_group, scenes.group, self.group, cut, LINES)
         run(k.clear_marks, max(index.capacity, nodes.places), ground)
         run(k.note_near, index.capacity, index.block_group, ground, scenes.constants, nodes.number(self.reach), cut)
         run(k.note_slopes, index.capacity, index.block_group, ground, cut)

@@ -99,7 +99,8 @@ class ContactGroup:
     """Contact of a step; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
 
     shares: Reals  # (256 slots,) by slot 64 sums of contact weights, 64 pairs of impulses east and north, 64 upwards [N s]
-    memory: Nodes  # (64 slots,) the same memory by four numbers, to clear it
+    memory: Nodes  # (64 slots,) the same memory by four numbers, to clear it; where transfers may have several substeps, behind it
+    # (64 slots,) impulses [N s] from which the contacts of a substep start
     pressed: Ints  # (n,) particles in contact, cell by cell
     pressed_start: Table2  # (blocks, 65) where the cells of a block start in that list, and where the last ends
     touched: Table2  # (blocks, 2) blocks with particles in contact, and their places near the ground
@@ -161,7 +162,7 @@ class SurfaceGroup:
 class StructureGroup:
     """Fields of the structures of the scenes; owned by :class:`runout.backends.hash.structures.Structures`."""
 
-    fields: Table2  # (scenes, 7) of each field: see runout.backends.hash.structure_distance; 0 without one
+    fields: Table2  # (scenes, 7) of each field: see runout.backends.hash.structure_surface; 0 without one
     lattices: Doubles2  # (scenes, 7) local position of the first node of the field [m], its spacing [m], that of the grid (3) [m]
     planes: Doubles2  # (patches, 6) centre of each patch of the fields [lattice cells], and its normal
     rows: Ints  # row of each block of the fields, -1 for none within reach, one field behind the other

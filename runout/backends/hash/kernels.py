@@ -34,10 +34,8 @@ from runout.backends.hash import (
     observe,
     particles_to_grid,
     stencil,
-    structure_detection,
-    structure_distance,
-    structure_entry,
-    structure_solution,
+    structure_contact,
+    structure_surface,
     substeps,
     unknown,
     zones,
@@ -54,12 +52,13 @@ OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
 LAW_KERNELS = ("grid_to_particles", "change_step", "unpack", "sum_blocks", "sum_gone")
 FRICTION_KERNELS = ("solve_contacts", "slow_columns", "update_nodes", "slow_nodes")
 SUM_KERNELS = ("particles_to_grid", "find_contacts", "list_cells", "note_up", "sum_columns")
-STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
-STRUCTURE_KERNELS = (*STRUCTURE_WARP_KERNELS, "note_beside", "require_beside", "carry_sums", "settle_impulses")
+STRUCTURE_KERNELS = (
+    "find_structure_contacts", "solve_contacts", "note_beside", "require_beside", "carry_sums", "settle_impulses",
+)  # fmt: skip
 LANES = {  # of a block; other kernels have PARTICLE_LANES
     **dict.fromkeys(("particles_to_grid", "grid_to_particles", "strain_in_place"), CELL_LANES),
     **dict.fromkeys(("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks"), WARP),
-    **dict.fromkeys(STRUCTURE_WARP_KERNELS, WARP),
+    "find_structure_contacts": WARP,
 }
 # threads of a block and blocks that share a multiprocessor, which bounds the registers of each thread
 FLOAT32_BLOCKS = {
@@ -69,7 +68,7 @@ FLOAT32_BLOCKS = {
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes
-STRUCTURE_BLOCKS = dict.fromkeys(STRUCTURE_WARP_KERNELS, (WARP, 20)) | {"find_entering": (WARP, 16)}
+STRUCTURE_BLOCKS = {"find_structure_contacts": (WARP, 16), "solve_contacts": (WARP, 20)}
 
 
 @dataclass(frozen=True)
@@ -88,6 +87,8 @@ class Kind:
         Kernels with these numbers of lanes divide and take roots to the last bit but one: a fifth of the time of contact.
     substepped : bool
         The set is for transfers of several substeps.
+    structured : bool
+        Contact is that with structures.
     """
 
     sources: tuple[ModuleType, ...]
@@ -95,15 +96,16 @@ class Kind:
     blocks: dict[str, tuple[int, int]] = field(default_factory=dict)
     fast: tuple[int, ...] = (CELL_LANES, WARP)
     substepped: bool = False
+    structured: bool = False
 
 
-def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP)) -> Kind:
+def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP), structured: bool = False) -> Kind:
     """A set of kernels of transfers of several substeps."""
     sources = (
-        stencil, zones, contact_area, column_drag, nodes, contact_solution, contact_detection, structure_distance,
-        structure_detection, structure_solution, structure_entry, deform, grid_to_particles, substeps,
+        stencil, zones, contact_area, column_drag, nodes, structure_surface, contact_solution, contact_detection, structure_contact,
+        deform, grid_to_particles, particles_to_grid, substeps,
     )  # fmt: skip
-    return Kind(sources, kernels.__contains__, FLOAT32_BLOCKS | STRUCTURE_BLOCKS, fast, substepped=True)
+    return Kind(sources, kernels.__contains__, FLOAT32_BLOCKS | STRUCTURE_BLOCKS, fast, substepped=True, structured=structured)
 
 
 KINDS = {
@@ -121,13 +123,13 @@ KINDS = {
         (WARP, PARTICLE_LANES),
     ),
     "structures": Kind(
-        (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance, structure_detection,
-        structure_solution, structure_entry), STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,),
+        (stencil, zones, contact_area, structure_surface, contact_solution, contact_detection, structure_contact),
+        STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,), structured=True,
     ),
-    "substeps.sums": _substeps("resume_nodes", "close_step", "find_contacts"),
+    "substeps.sums": _substeps("resume_nodes", "close_step"),
     "substeps.law": _substeps("grid_to_particles", "strain_in_place"),
     "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
-    "substeps.structures": _substeps("solve_structure_contacts", "find_entering", "stop_entering"),
+    "substeps.structures": _substeps("find_structure_contacts", "solve_contacts", structured=True),
 }  # fmt: skip
 
 
@@ -196,10 +198,12 @@ def _kernels_of(
     label = ".".join([NAME, kind, *(given.name for given in (law, friction) if given), precision]) + chosen
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
     names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
-    names |= {"SUBSTEPPED": what.substepped, "COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
+    names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
+    names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
+    names |= {"COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
-    needed = {"slow_nodes": drags, "slow_columns": drags and ordered, "find_contacts": area or not what.substepped}
+    needed = {"slow_nodes": drags, "slow_columns": drags and ordered}
 
     def module_of(name: str) -> Any:
         wanted = what.wanted(name) and needed.get(name, True)
@@ -210,6 +214,12 @@ def _kernels_of(
     for name in blocks.keys() & found.keys():
         found[name].options["launch_bounds"] = blocks[name]
     return found
+
+
+def _structure_kernels(kind: str, precision: str, ordered: bool) -> dict[str, Any]:
+    """Kernels of a set for structures; the contact solution, which is that of the ground for another surface, is renamed."""
+    found = dict(_kernels_of(kind, precision, friction=FRICTION, ordered=ordered))
+    return found | {"solve_structure_contacts": found.pop("solve_contacts")}
 
 
 @cache
@@ -229,13 +239,13 @@ def compiled_kernels(
     found |= _kernels_of("law", precision, law) | _kernels_of("friction", precision, **of_friction)
     kernels = SimpleNamespace(**found, record=law_record(law, real), friction_record=law_record(friction, real))
     if structured:
-        vars(kernels).update(_kernels_of("structures", precision, friction=FRICTION, ordered=ordered))
+        vars(kernels).update(_structure_kernels("structures", precision, ordered))
         kernels.structure_friction = law_record(FRICTION, real)
     if substepped:
         later = _kernels_of("substeps.sums", precision, **of_sums) | _kernels_of("substeps.law", precision, law, ordered=ordered)
         later |= _kernels_of("substeps.friction", precision, **of_friction)
         if structured:
-            later |= _kernels_of("substeps.structures", precision, friction=FRICTION, ordered=ordered)
+            later |= _structure_kernels("substeps.structures", precision, ordered)
         kernels.later = SimpleNamespace(**(vars(kernels) | later))
     held = [*vars(kernels).values(), *vars(kernels.later).values()] if substepped else vars(kernels).values()
     kernels.modules = tuple(dict.fromkeys(k.module for k in held if isinstance(k, wp.Kernel)))

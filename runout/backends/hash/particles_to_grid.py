@@ -12,6 +12,8 @@ and where drag slows columns of nodes the sums over these to ``columns.moving``.
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from runout.backends.hash.contact_area import _give_moving, _set_all_bases
@@ -31,9 +33,11 @@ from runout.backends.hash.layout import (
     BASES,
     CELL_LANES,
     DRAGS_AT_ONCE,
+    GIVES_MASS,
     HALT,
     HALVES,
     LASTING,
+    MANY,
     MASS,
     MOMENTUM,
     NEXT,
@@ -42,6 +46,9 @@ from runout.backends.hash.layout import (
     PENDING,
     STEPS,
     TOUCHED,
+    Ints,
+    Rows,
+    Tile,
     lane_count,
     node4,
     sums4,
@@ -52,32 +59,47 @@ from runout.physics.contact import reach
 from runout.physics.tensors import real, vec
 
 
-def _sum_cell(particles: ParticleGroup, begin: int, last: int):
-    """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell.
+def _given_by_record(rec: Rows, p: int):
+    """Mass [kg] of a particle, its offset, momentum [kg m/s], and the columns of its affine part."""
+    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    q = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p])
+    x = vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
+    y = vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
+    return rec[MASS, p], f, q, x, y, vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
 
-    From node to node the momentum that a particle hands over grows by a column of its affine part.
+
+def _given_by_stress(held: Tile, t: int):
+    """The same of the impulse of a particle's stress, from the numbers that a further substep holds; it has no mass."""
+    f = vec(held[t], held[MANY + t], held[2 * MANY + t])
+    x = vec(held[3 * MANY + t], held[4 * MANY + t], held[5 * MANY + t])
+    y = vec(held[6 * MANY + t], held[7 * MANY + t], held[8 * MANY + t])
+    z = vec(held[9 * MANY + t], held[10 * MANY + t], held[11 * MANY + t])
+    return real(0.0), f, vec(real(0.0), real(0.0), real(0.0)), x, y, z
+
+
+def _sum_cell(given: Any, order: Ints, begin: int, last: int):
+    """Mass and momentum that some particles hand to the 27 nodes of their cell; in a further substep, impulses of their stress.
+
+    ``given`` are the records of the particles at some places of the list, or what is held of them. From node to node the momentum
+    that a particle hands over grows by a column of its affine part.
     """
-    rec = particles.rec
     acc = sums4()
     ahead = int(0)
-    if begin < last:
-        ahead = particles.order[begin]
+    if GIVES_MASS:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if begin < last:
+            ahead = order[begin]
     for t in range(begin, last):
-        p = ahead & NOT_NEGATIVE
-        if t + 1 < last:
-            ahead = particles.order[t + 1]
-        m = rec[MASS, p]
-        fx = rec[OFFSET, p]
-        fy = rec[OFFSET + 1, p]
-        fz = rec[OFFSET + 2, p]
-        wx = weights(fx)
-        wy = weights(fy)
-        wz = weights(fz)
-        ax = vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
-        ay = vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
-        az = vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
-        q = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p])
-        x = q - fx * ax - fy * ay - fz * az
+        if GIVES_MASS:
+            p = ahead & NOT_NEGATIVE
+            if t + 1 < last:
+                ahead = order[t + 1]
+            m, f, q, ax, ay, az = _given_by_record(given, p)
+        else:
+            m, f, q, ax, ay, az = _given_by_stress(given, t)
+        wx = weights(f[0])
+        wy = weights(f[1])
+        wz = weights(f[2])
+        x = q - f[0] * ax - f[1] * ay - f[2] * az
         for i in range(3):
             y = x
             for j in range(3):
@@ -85,7 +107,8 @@ def _sum_cell(particles: ParticleGroup, begin: int, last: int):
                 z = y
                 for k in range(3):
                     w = wij * wz[k]
-                    acc[(i * 3 + j) * 3 + k, 0] += w * m
+                    if GIVES_MASS:
+                        acc[(i * 3 + j) * 3 + k, 0] += w * m
                     acc[(i * 3 + j) * 3 + k, 1] += w * z[0]
                     acc[(i * 3 + j) * 3 + k, 2] += w * z[1]
                     acc[(i * 3 + j) * 3 + k, 3] += w * z[2]
@@ -142,7 +165,7 @@ def particles_to_grid(
             bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
             _set_all_bases(bases, blocks, contacts, b, lane)
             for c in range(lane, CELL_LANES, lane_count()):
-                acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
+                acc = _sum_cell(particles.rec, particles.order, blocks.cstart[b, c], blocks.cstart[b, c + 1])
                 _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane, 0)
             if DRAGS_AT_ONCE:

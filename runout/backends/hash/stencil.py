@@ -54,6 +54,12 @@ def _scene_of(blocks: BlockGroup, scenes: SceneGroup, b: int):
     return s
 
 
+def _place_of_begun(contacts: ContactGroup, slot: int):
+    """Where the impulses of a slot from which contacts start lie in ``contacts.memory``; -1 if transfers have one substep."""
+    behind = contacts.shares.shape[0] >> 2
+    return wp.where(contacts.memory.shape[0] > behind, behind + slot * CELL_LANES, -1)
+
+
 def _first_node(c: int):
     """Place in the tile of the first node of cell ``c`` of a block."""
     return (c >> 4) * 36 + ((c >> 2) & 3) * 6 + (c & 3)
@@ -301,7 +307,11 @@ def sum_contacts(status: StatusGroup, blocks: BlockGroup, grid: GridGroup, groun
     s = _sum_arenas(blocks, grid, contacts.touching, t)
     if part == 0:
         contacts.shares[slot * SLOT + (t & 63)] = s[0]
-        put_node(grid.nodes, t, node_at(grid.nodes, t) + node4(real(0.0), s[1], s[2], s[3]))
+        push = node4(real(0.0), s[1], s[2], s[3])
+        put_node(grid.nodes, t, node_at(grid.nodes, t) + push)
+        begun = _place_of_begun(contacts, slot)
+        if begun >= 0:
+            put_node(contacts.memory, begun + (t & 63), push)
     else:
         contacts.shares[slot * SLOT + PUSHES + 2 * (t & 63)] = s[1]
         contacts.shares[slot * SLOT + PUSHES + 2 * (t & 63) + 1] = s[2]

@@ -4,7 +4,7 @@
 
 Behind the nodes come further substeps, if there are any; the kernels that differ there are those of ``parts.k.later``:
 
-    strain in place -> contact detection -> contact solution -> nodes
+    strain in place -> contact solution -> nodes
 
 Every launch reads on the device how much there is to do, so the host does not wait.
 """
@@ -23,6 +23,7 @@ def enqueue(parts: Parts, substeps: int = 1) -> None:
     """Launches of a transfer of at most so many ``substeps``."""
     particles_to_grid(parts)
     later = parts.k.later if substeps > 1 else parts.k
+    find_contacts(parts)
     move_nodes(parts, parts.k, later)
     for turn in range(FIRST, substeps + 1):
         strain_in_place(parts, turn)
@@ -55,7 +56,7 @@ def strain_in_place(parts: Parts, turn: int) -> None:
     run_each(k.strain_in_place, i.launched + 1, CELL_LANES, status, *groups, *more)
     arrays = status, i.block_group, n.grid_group, n.ground_group, n.contact_group
     run(k.resume_nodes, i.capacity * 64, *arrays, scenes.group, turn)
-    if parts.ground is not None and parts.uses_area and not parts.ordered:
+    if parts.ground is not None and parts.drags_column:
         run(k.sum_columns, i.capacity * COLUMNS, *arrays, n.column_group)
 
 
@@ -66,19 +67,28 @@ def close_step(parts: Parts, k: Any) -> None:
     run(k.close_step, i.capacity * 64, parts.status.group, *groups, parts.scenes.group)
 
 
+def find_contacts(parts: Parts) -> None:
+    """Contacts of the transfer with the ground, and the impulses from which they start."""
+    i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
+    if parts.ground is None:
+        return
+    groups = status, i.block_group, n.grid_group, n.ground_group, n.contact_group
+    run_each(k.find_contacts, n.places, WARP, status, parts.store.group, *groups[1:], parts.scenes.group, parts.scenes.constants)
+    if parts.ordered:
+        run(k.sum_contacts, i.capacity * 64, *groups, 0)
+    if parts.ordered and parts.uses_area:
+        run(k.sum_columns, i.capacity * COLUMNS, *groups, n.column_group)
+
+
 def move_nodes(parts: Parts, k: Any = None, last: Any = None) -> None:
     """Velocities of the nodes, after the impulses of the ground, by the kernels ``k``; those of the ``last`` launch may differ."""
     i, n, k = parts.index, parts.nodes, k or parts.k
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
-        solution = *arguments, parts.scenes.friction
-        for round_, (kernel, inputs) in enumerate(((k.find_contacts, arguments), (k.solve_contacts, solution))):
-            run_each(kernel, n.places, WARP, *inputs)
-            if parts.ordered:
-                run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
-            if parts.ordered and parts.uses_area and round_ == 0:
-                run(k.sum_columns, i.capacity * COLUMNS, status, blocks, *groups, n.column_group)
+        run_each(k.solve_contacts, n.places, WARP, *arguments, n.ground_group, parts.scenes.friction, 0)
+        if parts.ordered:
+            run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, 1)
         if parts.ordered and parts.drags_column:
             run_each(k.slow_columns, i.capacity, WARP, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     slowing = not touch_structures(parts, k) and parts.ground is not None
@@ -110,18 +120,17 @@ def touch_structures(parts: Parts, k: Any) -> bool:
     arguments = status, parts.store.group, blocks, n.grid_group, *settled, parts.scenes.group, parts.scenes.constants, s.group
     settle = k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group
     if parts.ground is not None:
-        run(*settle, *ground, s.grounded, 1)
+        run(*settle, *ground, parts.scenes.group, s.grounded, 0)
     slowing = parts.drags_column and parts.ground is not None
     if slowing:
         run(k.slow_nodes, i.capacity * 64, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
-    for ended, (find, solve, more) in enumerate(
-        ((k.find_structure_contacts, k.solve_structure_contacts, (s.friction,)), (k.find_entering, k.stop_entering, ()))
-    ):
-        for part, (kernel, inputs) in enumerate(((find, arguments), (solve, (*arguments, *more)))):
-            run_each(kernel, s.places, WARP, *inputs)
+    for entering in range(2):
+        launches = (k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction,))
+        for part, (kernel, more) in enumerate(launches):
+            run_each(kernel, s.places, WARP, *arguments, *more, entering)
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, part)
-        run(*settle, *settled, s.grounded, ended)
+        run(*settle, *settled, parts.scenes.group, s.grounded, entering)
     return slowing
 
 

@@ -21,8 +21,7 @@ from runout.backends.hash.index import Index
 from runout.backends.hash.layout import BESIDE, CELL_LANES, REACHED, room_for, run
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.state import Store
-from runout.backends.hash.structure_distance import OF_FIELD
-from runout.backends.hash.structure_solution import PARTED
+from runout.backends.hash.structure_surface import OF_FIELD, PARTED
 from runout.model.friction_laws import numbers_of
 from runout.model.scene import Scene
 from runout.model.structures import StructureField
@@ -103,7 +102,7 @@ class Structures:
         self.vec4 = nodes.vec4
         self.near, self.grounded = (wp.full(capacity, -1, dtype=wp.int32) for _ in range(2))
         self.touching = wp.zeros(capacity, dtype=wp.int32)
-        apart = nodes.listed_later
+        apart = nodes.substepped
         lists = store.size * apart, (capacity * apart, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)

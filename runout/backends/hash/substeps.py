@@ -7,9 +7,11 @@
 
     --strain_in_place--> impulses --resume_nodes--> mass and momentum --contact, as in the first substep--> velocity
 
-A thread first owns a particle, then a cell. Lists, weights and masses of the nodes stay; every substep finds the contacts of the
-first anew, from records that have not changed. Where the scenes of a batch have different numbers of substeps, the time step of
-one that waits is negative in the clock.
+A thread first owns a particle, then a cell. Lists, weights and masses of the nodes stay, and so do the contacts with the ground:
+their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since particles
+keep their weights: the sum of the impulses of the substep before. Contacts with structures are found anew, from records that have
+not changed. Where the scenes of a batch have different numbers of substeps, the time step of one that waits is negative in the
+clock.
 """
 
 from __future__ import annotations
@@ -37,11 +39,14 @@ from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
     HALVES,
+    MANY,
     NOT_NEGATIVE,
     ORDERED,
+    PUSHES,
+    PUSHES_UP,
+    SLOT,
     SUBSTEPS,
     TILE,
-    TOUCHED,
     WARP,
     Ints,
     Materials,
@@ -51,14 +56,13 @@ from runout.backends.hash.layout import (
     node4,
     node_at,
     put_node,
-    sums4,
 )
+from runout.backends.hash.particles_to_grid import _sum_cell
 from runout.backends.hash.shared_memory import ROOM
-from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _set_bases, _sum_arenas
-from runout.physics.bspline import weights
-from runout.physics.tensors import real, vec
+from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _place_of_begun, _set_bases, _sum_arenas
+from runout.physics.tensors import real
 
-MANY, OF_MANY = 256, 12 * 256  # particles of a block whose impulses are held at once; numbers that are held of them
+OF_MANY = 12 * MANY  # numbers that are held of the particles whose impulses are held at once
 FIRST = 2  # the first of the further substeps
 
 put_in: Any = None  # puts a number in its place in a tile; the binding puts it in its place
@@ -112,36 +116,6 @@ def _hold_push(held: Tile, place: int, f: Vector, push: Any):
         put_in(held, d * MANY + place, f[d])
     for d in range(9):
         put_in(held, (3 + d) * MANY + place, push[d])
-
-
-def _sum_held(held: Tile, begin: int, last: int):
-    """Impulses of the held particles ``begin`` ... ``last`` on the 27 nodes of their cell."""
-    acc = sums4()
-    for t in range(begin, last):
-        fx = held[t]
-        fy = held[MANY + t]
-        fz = held[2 * MANY + t]
-        wx = weights(fx)
-        wy = weights(fy)
-        wz = weights(fz)
-        ax = vec(held[3 * MANY + t], held[4 * MANY + t], held[5 * MANY + t])
-        ay = vec(held[6 * MANY + t], held[7 * MANY + t], held[8 * MANY + t])
-        az = vec(held[9 * MANY + t], held[10 * MANY + t], held[11 * MANY + t])
-        x = -fx * ax - fy * ay - fz * az
-        for i in range(3):
-            y = x
-            for j in range(3):
-                wij = wx[i] * wy[j]
-                z = y
-                for k in range(3):
-                    w = wij * wz[k]
-                    acc[(i * 3 + j) * 3 + k, 1] += w * z[0]
-                    acc[(i * 3 + j) * 3 + k, 2] += w * z[1]
-                    acc[(i * 3 + j) * 3 + k, 3] += w * z[2]
-                    z = z + az
-                y = y + ay
-            x = x + ax
-    return acc
 
 
 def _strain_some(
@@ -216,7 +190,7 @@ def strain_in_place(
                 meet()
                 for c in range(lane, CELL_LANES, lane_count()):
                     begins = wp.max(blocks.cstart[b, c], first) - first
-                    acc = _sum_held(held, begins, wp.min(blocks.cstart[b, c + 1], end) - first)
+                    acc = _sum_cell(held, particles.order, begins, wp.min(blocks.cstart[b, c + 1], end) - first)
                     _add_cell(halves, c, acc)
                 meet()
             _give_tile(halves, grid.arenas, grid.nodes, bases, b, lane, 2 * 64 * blocks.up.shape[0])
@@ -225,23 +199,31 @@ def strain_in_place(
                 book(grid.booked, b, 5 * (lane // WARP), all_lost)
 
 
+def _begin_contacts(contacts: ContactGroup, slot: int, n: int):
+    """Impulses [N s] of all contacts on a node in the substep before, from which they start in this one."""
+    east = slot * SLOT + PUSHES + 2 * n
+    up = slot * SLOT + PUSHES_UP + n
+    begun = _place_of_begun(contacts, slot) + n
+    push = node_at(contacts.memory, begun)
+    push += node4(real(0.0), contacts.shares[east], contacts.shares[east + 1], contacts.shares[up])
+    put_node(contacts.memory, begun, push)
+    contacts.shares[east] = real(0.0)
+    contacts.shares[east + 1] = real(0.0)
+    contacts.shares[up] = real(0.0)
+    return push
+
+
 def resume_nodes(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
     turn: int,
 ):  # fmt: skip
-    """Momentum of the nodes with the impulses of the new stress, and their way so far, in substep number ``turn``.
-
-    What the contacts of the substep before have left is cleared.
-    """
+    """Momentum of the nodes with the impulses of the new stress and of the contacts, and their way so far, in substep ``turn``."""
     t = wp.tid()
     b = t >> 6
     if status.flags[HALT] != 0:
         return
     if t < scenes.left.shape[0] and scenes.clock[t, 0] > real(0.0):
         scenes.step_counts[t] = scenes.step_counts[t] + 1
-        status.contacts[t] = 0
-    if t == 0:
-        status.tally[TOUCHED] = 0
     if b >= status.tally[BLOCKS]:
         return
     g = node_at(grid.nodes, t)
@@ -259,9 +241,8 @@ def resume_nodes(
             else:
                 push = node_at(grid.nodes, t + 2 * layer)
                 put_node(grid.nodes, t + 2 * layer, node4())
+            slot = ground.grounded[b]
+            if slot >= 0:
+                push += _begin_contacts(contacts, slot, t & 63)
             put_node(grid.nodes, t, node4(g[0], g[0] * g[1] + push[1], g[0] * g[2] + push[2], g[0] * g[3] + push[3]))
         put_node(grid.nodes, t + layer, way)
-    if ground.grounded[b] >= 0:
-        put_node(contacts.memory, ground.grounded[b] * CELL_LANES + (t & 63), node4())
-    if t & 63 == 0:
-        contacts.touching[b] = 0

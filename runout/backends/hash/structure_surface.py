@@ -1,8 +1,11 @@
-"""Distance of particles from structures: fields of blocks of a lattice, and the blocks of the grid that lie beside a structure.
+"""Structures as a surface: distance, normal and patch at a particle, sums of impulses and energy, and the blocks beside structures.
 
-structures.fields     scene 0: | blocks east, north, up | first block | first patch | first sum | patches |   scene 1: ...
-structures.rows       row of each lattice block of a field, -1 where no particle can touch
-structures.distance   | row 0: 9 x 9 x 9 distances | row 1 | ...       structures.patch   likewise
+    structures.fields     scene 0: | blocks east, north, up | first block | first patch | first sum | patches |   scene 1: ...
+    structures.rows       row of each lattice block of a field, -1 where no particle can touch
+    structures.distance   | row 0: 9 x 9 x 9 distances | row 1 | ...       structures.patch   likewise
+    upper, lower          impulses on patch 0 x, y, z | patch 1 | ... | energy taken of scene 0 | scene 1 | ...
+
+Impulses and energy are added as whole numbers, of which each sum has two: exact, and the same in any order.
 """
 
 from __future__ import annotations
@@ -23,10 +26,12 @@ from runout.physics.structures import (
     separation,
     separation_slopes,
 )
-from runout.physics.tensors import dot, real, tens, vec
+from runout.physics.tensors import dot, i64, real, tens, vec
 
 LATTICE = 729  # nodes of a block of a field
 EAST, NORTH, UP, FIRST_BLOCK, FIRST_PATCH, FIRST_SUM, PATCHES, OF_FIELD = range(8)  # of a row of structures.fields
+CARRIED, PARTED = 40, 2.0**40  # so many bits, and units, of a lower sum make one unit of the upper
+sum_lanes: Any = None  # sum over the lanes of a warp; the binding puts it in its place
 
 
 def _lattice(structures: StructureGroup, s: int, d: int, cell: int, f: Any):
@@ -121,6 +126,36 @@ def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector, far:
             patch = structures.patch[LATTICE * row + nearest_place(place, fx, fy, fz)]
             n, apart, patch = _take_patch(structures, s, at, q, n, apart, patch)
     return n, apart, patch
+
+
+def carry_sums(structures: StructureGroup):
+    """Carry what the lower sums hold beyond a unit of the upper ones, which leaves room for the steps to the next sort."""
+    t = wp.tid()
+    units = structures.lower[t] >> i64(CARRIED)
+    structures.upper[t] = structures.upper[t] + units
+    structures.lower[t] = structures.lower[t] - (units << i64(CARRIED))
+
+
+def _book(structures: StructureGroup, s: int, at: int, value: wp.float64):
+    """Add to a sum: as whole numbers, whose sum is the same in any order."""
+    units = value * structures.units[s]
+    whole = wp.floor(units)
+    wp.atomic_add(structures.upper, at, wp.int64(whole))
+    wp.atomic_add(structures.lower, at, wp.int64(wp.round((units - whole) * wp.float64(PARTED))))
+
+
+def _book_impulse(structures: StructureGroup, s: int, patch: int, push: Vector):
+    """Add the impulse of the mass on a patch, against the ``push`` [N s] of the structure, to its sums."""
+    for d in range(3):
+        _book(structures, s, 3 * (structures.fields[s, FIRST_SUM] + patch) + d, -wp.float64(push[d]))
+
+
+def _book_work(structures: StructureGroup, s: int, done: Any, lane: int):
+    """Add the energy that structures take from a block to that of its scene; ``done`` [J] is the work on particles of each lane."""
+    taken = -sum_lanes(wp.float64(done))
+    if lane == 0:
+        many = structures.fields.shape[0]
+        _book(structures, s, structures.upper.shape[0] - many + s, taken)
 
 
 def note_beside(blocks: BlockGroup, ground: GroundGroup, scenes: SceneGroup, structures: StructureGroup):
