@@ -1,6 +1,8 @@
 """Measure what relief costs: ``python docs/measure_relief.py [EVERY]``; with 5, every fifth slab. All take some minutes.
 
-``RUNOUT_DATA=DIR python docs/measure_relief.py rasters`` prints the two-cell shares of real and made rasters instead.
+``RUNOUT_DATA=DIR python docs/measure_relief.py rasters`` prints the two-cell shares of real and made rasters instead, and
+``... terrains [PROCESSES]`` the friction that smoothing takes away on terrains, measured and by the law: the run-out of the smoothed
+terrain is that of the terrain as it is with so much less friction.
 
 Slabs slide down planes with and without made relief, in a shallow channel that keeps them together. The loss of speed against the
 smooth plane is the extra friction; the law is :func:`runout.physics.numerical_scales.relief_friction` (docs/theory, the ground).
@@ -10,6 +12,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -97,6 +100,51 @@ def slabs() -> list[Slab]:
     return found + [Slab(35, 18, t, *kind, 7, 26.0) for t in (0.5, 0.25) for kind in ((0, 0.05), (0, 0.1), (3, 0.05))]
 
 
+TERRAINS = (
+    ("made", 10.0, (20.0, 30.0)),
+    ("frank_slide", 20.0, (40.0, 80.0)),
+    ("frank_slide", 28.0, (40.0,)),
+    ("avakot", 10.0, (20.0, 30.0)),
+)
+LESS = (0.0, 1.0, 2.0, 3.5)  # friction [deg]
+
+
+def run_on_terrain(task: tuple[str, float, float, float]) -> tuple[float, float]:
+    """Way of the centre of mass [m] on a terrain smoothed over a length with so much less friction [deg], and the law's friction."""
+    from tests.benchmarks.one_answer import scenario
+
+    site, cell, length, less = task
+    arguments = scenario(site)
+    terrain, thickness = arguments["terrain"], np.asarray(arguments["release"][0].thickness)
+    terrain = terrain.smoothed(length) if length else terrain
+    release = Release.from_array(thickness, terrain, placement="on_surface")
+    changed = {"terrain": terrain, "release": release, "basal_friction_angle": arguments["basal_friction_angle"] - less}
+    maps = simulate(**{**arguments, **changed}, cell_size=cell, threads=1).maps
+    deposit, speed = (np.nan_to_num(maps[name].values) for name in ("deposit_thickness", "max_speed"))
+    places = np.indices(deposit.shape) * np.array(terrain.cell_size[::-1])[:, None, None]
+    start, end = ((mass * places).sum((1, 2)) / mass.sum() for mass in (thickness, deposit))
+    reach = speed > 0
+    law = of_ground(terrain, (cell, cell), reach, math.sqrt(np.mean(speed[reach] ** 2)))
+    return float(np.hypot(*(end - start))), law.friction if law else 0.0
+
+
+def print_terrains(processes: int) -> None:
+    """Print change of run-out and friction, measured and by the law, of each terrain, size of cells and length."""
+    tasks = [(site, cell, 0.0, less) for site, cell, _ in TERRAINS for less in LESS]
+    tasks += [(site, cell, length, 0.0) for site, cell, lengths in TERRAINS for length in lengths]
+    with ProcessPoolExecutor(processes) as pool:
+        found = dict(zip(tasks, pool.map(run_on_terrain, tasks), strict=True))
+    for site, cell, lengths in TERRAINS:
+        ways = [found[site, cell, 0.0, less][0] for less in LESS]
+        for length in lengths:
+            (way, left), (plain, all_of_it) = found[site, cell, length, 0.0], found[site, cell, 0.0, 0.0]
+            measured, law = np.interp(way, ways, LESS), math.degrees(math.atan(all_of_it) - math.atan(left))
+            print(
+                f"{site}, {cell:g} m, {length:g} m: {100 * (way / plain - 1):+.1f} %, {measured:.1f} deg, law {law:.1f} deg",
+                flush=True,
+            )
+
+
 RASTERS = {
     "frank_slide": "frank_slide_1903/Frankslide_topography.asc", "cascades_2021": "cascades_2021_landlab/pre_runout_DEM.asc",
     "avaKot": "avaframe/avaKot/Inputs/avaKot.asc", "avaPfa": "avaframe/avaPfa/Inputs/avaPfa.asc",
@@ -129,6 +177,8 @@ def main() -> None:
     """Print every slab, and the table of docs/theory."""
     if sys.argv[1:] == ["rasters"]:
         return print_shares()
+    if sys.argv[1:2] == ["terrains"]:
+        return print_terrains(int(sys.argv[2]) if len(sys.argv) > 2 else 1)
     chosen = slabs()[:: int(sys.argv[1]) if len(sys.argv) > 1 else 1]
     ratios = []
     for slab in chosen:

@@ -6,7 +6,7 @@ from typing import Any
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 from runout.forecast.accuracy import BOUNDS, PRESETS
-from runout.forecast.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
+from runout.forecast.numerical_error import MAP, MAP_ORDER, MAP_SAFETY, ORDER, SAFETY, SCATTERS, SHARE
 from runout.studies.convergence import COARSER
 
 FILE = "error_bars.json"
@@ -24,8 +24,8 @@ A fit through the runs, of order {order:g} in the cell size, gives a trend, whic
 cells, and the scatter of the runs. The order is given: one that is fitted to few runs turns with their scatter. The bar of a
 quantity is {safety:g} times the root of the sum of squares of the trend, of {scatters:g} scatters, and of {share:g} of the error of
 its map. The last part holds where a quantity turns between the grids and has no trend. The bar of a map comes from its
-distances to the maps of the coarser grids, by a fit of order {map_order:g}: their trend, and the noise that leaves a distance
-between equal grids. The option `--constants` of the study prints the coverage with other numbers.
+distances to the maps of the coarser grids, by a fit of order {map_order:g}: {map_safety:g} times the root of the sum of squares
+of their trend and of the noise that leaves a distance between equal grids. The option `--constants` of the study prints the coverage with other numbers.
 
 **{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
 that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
@@ -84,6 +84,7 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         coarser=", ".join(f"{ratio:g}" for ratio in sorted(set(COARSER))),
         bounds=BOUNDS,
         safety=SAFETY,
+        map_safety=MAP_SAFETY,
         scatters=SCATTERS,
         share=SHARE,
         order=ORDER,

@@ -99,4 +99,4 @@ def relief_friction(s: Any, v: Any, g: Any, h: Any):
     their slope to the friction angle (Patton 1966), and loses the energy (v s)^2/2 with which they throw it. Fit to slabs on rough
     planes (docs/theory, the ground).
     """
-    return s * (real(0.35) + s * (real(3.0) + real(0.7) * v * v / (g * h)))
+    return s * (real(0.2) + s * (real(3.5) + real(0.7) * v * v / (g * h)))

@@ -12,7 +12,7 @@ import numpy as np
 from runout import log
 from runout.errors import ConfigError
 from runout.forecast.accuracy import BOUNDS
-from runout.forecast.numerical_error import MAP, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
+from runout.forecast.numerical_error import MAP, MAP_SAFETY, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
 from runout.scores.contingency import contingency
 from runout.scores.elevation_change import elevation_change
 from runout.scores.field_errors import differences
@@ -35,7 +35,7 @@ METHOD = (
     "Each coarser grid was shifted against the terrain, with other positions of the particles. A fit through all runs, of order "
     f"{ORDER:g} in the cell size, gives the trend, which is the difference from a grid of vanishing cells, and the scatter of the "
     f"runs about it. The error is {SAFETY:g} times the root of the sum of squares of the trend, of {SCATTERS:g} scatters, and of "
-    f"{SHARE:g} of the error of the map. Run-out is the horizontal distance from the centre of the released mass. Areas count "
+    f"{SHARE:g} of the error of the map; that of a map is {MAP_SAFETY:g} times that of trend and noise. Run-out is the horizontal distance from the centre of the released mass. Areas count "
     "fractions of cells."
 )
 QUANTITIES = ("quantity", "unit", "value", "trend", "scatter", "error", "relative")

@@ -213,12 +213,12 @@ def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]
 
 def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[str]:
     """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
-    for safety, scatters, share in product((1.0, 1.25, 1.5), (1.0, 2.0), (0.2, 0.3, 0.4, 0.5, 0.6)):
-        with patch.multiple(numerical_error, SAFETY=safety, SCATTERS=scatters, SHARE=share):
+    for safety, of_map, scatters, share in product((1.0, 1.25, 1.5), (1.25, 1.5, 1.75, 2.0), (1.0, 2.0), (0.25, 0.35, 0.45, 0.6)):
+        with patch.multiple(numerical_error, SAFETY=safety, MAP_SAFETY=of_map, SCATTERS=scatters, SHARE=share):
             cases = list(cases_of(plans, truth, folder))
         found, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
         sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
-        chosen = f"SAFETY {safety:g} SCATTERS {scatters:g} SHARE {share:g}"
+        chosen = f"SAFETY {safety:g} MAP_SAFETY {of_map:g} SCATTERS {scatters:g} SHARE {share:g}"
         yield f"{chosen}: {found['holds']:.3f} ({', '.join(sites)}), ratio {found['ratio']:.2f}"
 
 

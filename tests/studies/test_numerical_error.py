@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runout.forecast.numerical_error import MAP, ORDER, SAFETY, SHARE, ErrorBar, fitted, statements
+from runout.forecast.numerical_error import MAP, MAP_SAFETY, ORDER, SAFETY, SHARE, ErrorBar, fitted, statements
 
 RATIOS = (2.0, 2.0, 1.7, 1.7, 1.4, 1.4, 1.2, 1.0)
 
@@ -32,7 +32,7 @@ def test_errors_of_the_given_and_of_higher_orders_are_within_their_bars(order):
 def test_nine_of_ten_bars_hold_with_a_map_as_uncertain_as_the_value(order, noise):
     """A bar of 9 of 10 cases, where the relative error of the map is twice that of the value, as maps have it."""
     made = [values(order, noise, seed) for seed in range(400)]
-    bars = [ErrorBar.of_value(RATIOS, found, SAFETY * 2.0 * np.hypot(3.0, noise) / 100.0) for found in made]
+    bars = [ErrorBar.of_value(RATIOS, found, MAP_SAFETY * 2.0 * np.hypot(3.0, noise) / 100.0) for found in made]
     held = np.mean([abs(found[-1] - 100.0) <= bar.error for found, bar in zip(made, bars, strict=True)])
     assert held >= 0.93
 
@@ -47,11 +47,11 @@ def test_a_value_that_turns_between_the_grids_keeps_its_share_of_the_error_of_th
 
 def test_a_map_of_first_order_has_the_slope_of_its_distances_and_one_of_noise_has_its_noise():
     first = ErrorBar.of_map(RATIOS[:-1], [0.08 * (r - 1.0) for r in RATIOS[:-1]])
-    assert first.error == pytest.approx(SAFETY * 0.08)
+    assert first.error == pytest.approx(MAP_SAFETY * 0.08)
     noise = ErrorBar.of_map(RATIOS[:-1], [0.08 * np.sqrt(2.0)] * 7)
-    assert noise.error == pytest.approx(SAFETY * 0.08)
+    assert noise.error == pytest.approx(MAP_SAFETY * 0.08)
     both = ErrorBar.of_map(RATIOS[:-1], [0.08 * np.hypot(r, 1.0) for r in RATIOS[:-1]])  # noise that grows with the cells
-    assert 0.08 <= both.error <= 2.0 * SAFETY * 0.08
+    assert 0.08 <= both.error <= 2.0 * MAP_SAFETY * 0.08
 
 
 def test_a_value_of_zero_has_no_relative_error():

@@ -166,7 +166,7 @@ def test_small_rasters_and_grids_of_any_spacing_are_measured(shape, h):
 
 def test_the_law_adds_up_slope_and_impact():
     s, v, g, h = 0.05, 20.0, 9.81, 10.0
-    assert relief_friction(s, v, g, h) == pytest.approx(0.35 * s + 3.0 * s**2 + 0.7 * s**2 * v**2 / (g * h))
+    assert relief_friction(s, v, g, h) == pytest.approx(0.2 * s + 3.5 * s**2 + 0.7 * s**2 * v**2 / (g * h))
     assert relief_friction(0.0, v, g, h) == 0.0
 
 

@@ -10,7 +10,7 @@ from ramp_site import write_site
 from runout import cli, read_site
 from runout.errors import ConfigError
 from runout.forecast.accuracy import BOUNDS
-from runout.forecast.numerical_error import ORDER, SAFETY, statements
+from runout.forecast.numerical_error import MAP_SAFETY, ORDER, statements
 from runout.scores.flow import BAR_MAPS
 from runout.studies import convergence
 from runout.studies.convergence import area_above, compared
@@ -73,11 +73,11 @@ def test_study_runs_shifted_coarser_grids_and_finds_trends(ramp):
     front, depth = found["quantities"]["f99"], found["quantities"]["thickness_map"]
     assert front["trend"] == pytest.approx(0.5 * 10.0**ORDER, rel=1e-4)
     assert front["scatter"] == pytest.approx(0.0, abs=0.01)
-    assert depth["error"] == pytest.approx(SAFETY * 10.0 / 1010.0, rel=1e-4)  # thickness of 10 in a map of 1010
+    assert depth["error"] == pytest.approx(MAP_SAFETY * 10.0 / 1010.0, rel=1e-4)  # thickness of 10 in a map of 1010
     assert [level["cell_size"][0] for level in found["levels"]] == [22.5, 22.5, 15.0, 10.0]
     thickness = next(field for field in found["fields"] if field["map"] == "flow_thickness")
     assert thickness["ratio"] == 1.5
-    assert thickness["error_over_difference"] == pytest.approx(SAFETY * 2.0)  # half a cell finer than the other grid
+    assert thickness["error_over_difference"] == pytest.approx(MAP_SAFETY * 2.0)  # half a cell finer than the other grid
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
     assert any("run-out of 99 % of the mass 115.8" in line for line in statements(found))
