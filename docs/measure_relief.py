@@ -1,8 +1,8 @@
 """Measure what relief costs: ``python docs/measure_relief.py [EVERY]``; with 5, every fifth slab. All take some minutes.
 
 ``RUNOUT_DATA=DIR python docs/measure_relief.py rasters`` prints the two-cell shares of real and made rasters instead, and
-``... terrains [PROCESSES]`` the friction that smoothing takes away on terrains, measured and by the law: the run-out of the smoothed
-terrain is that of the terrain as it is with so much less friction.
+``... terrains [PROCESSES]`` the friction that smoothing takes away on terrains, measured and by the law: the run-out of the
+smoothed terrain is that of the terrain as it is with so much less friction.
 
 Slabs slide down planes with and without made relief, in a shallow channel that keeps them together. The loss of speed against the
 smooth plane is the extra friction; the law is :func:`runout.physics.numerical_scales.relief_friction` (docs/theory, the ground).
@@ -100,7 +100,10 @@ def slabs() -> list[Slab]:
     return found + [Slab(35, 18, t, *kind, 7, 26.0) for t in (0.5, 0.25) for kind in ((0, 0.05), (0, 0.1), (3, 0.05))]
 
 
-TERRAINS = (
+TERRAINS = (  # site, cells of the grid [m] and lengths of smoothing [m]
+    *(("made", 10.0, (20.0, 30.0)), ("avakot", 10.0, (20.0, 30.0))),
+    *(("frank_slide", 20.0, (40.0, 80.0)), ("frank_slide", 28.0, (40.0,))),
+)
     ("made", 10.0, (20.0, 30.0)),
     ("frank_slide", 20.0, (40.0, 80.0)),
     ("frank_slide", 28.0, (40.0,)),

@@ -25,7 +25,8 @@ cells, and the scatter of the runs. The order is given: one that is fitted to fe
 quantity is {safety:g} times the root of the sum of squares of the trend, of {scatters:g} scatters, and of {share:g} of the error of
 its map. The last part holds where a quantity turns between the grids and has no trend. The bar of a map comes from its
 distances to the maps of the coarser grids, by a fit of order {map_order:g}: {map_safety:g} times the root of the sum of squares
-of their trend and of the noise that leaves a distance between equal grids. The option `--constants` of the study prints the coverage with other numbers.
+of their trend and of the noise that leaves a distance between equal grids. The option `--constants` of the study prints the
+coverage with other numbers.
 
 **{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
 that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
