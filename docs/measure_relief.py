@@ -104,16 +104,11 @@ TERRAINS = (  # site, cells of the grid [m] and lengths of smoothing [m]
     *(("made", 10.0, (20.0, 30.0)), ("avakot", 10.0, (20.0, 30.0))),
     *(("frank_slide", 20.0, (40.0, 80.0)), ("frank_slide", 28.0, (40.0,))),
 )
-    ("made", 10.0, (20.0, 30.0)),
-    ("frank_slide", 20.0, (40.0, 80.0)),
-    ("frank_slide", 28.0, (40.0,)),
-    ("avakot", 10.0, (20.0, 30.0)),
-)
 LESS = (0.0, 1.0, 2.0, 3.5)  # friction [deg]
 
 
 def run_on_terrain(task: tuple[str, float, float, float]) -> tuple[float, float]:
-    """Way of the centre of mass [m] on a terrain smoothed over a length with so much less friction [deg], and the law's friction."""
+    """Way of the centre of mass [m] on a smoothed terrain, with so much less friction [deg], and the friction of the law."""
     from tests.benchmarks.one_answer import scenario
 
     site, cell, length, less = task

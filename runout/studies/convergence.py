@@ -36,8 +36,7 @@ METHOD = (
     f"{ORDER:g} in the cell size, gives the trend, which is the difference from a grid of vanishing cells, and the scatter of the "
     f"runs about it. The error is {SAFETY:g} times the root of the sum of squares of the trend, of {SCATTERS:g} scatters, and of "
     f"{SHARE:g} of the error of the map; that of a map is {MAP_SAFETY:g} times that of trend and noise. Run-out is the horizontal "
-    "distance from the centre of the released mass. Areas count "
-    "fractions of cells."
+    "distance from the centre of the released mass. Areas count fractions of cells."
 )
 QUANTITIES = ("quantity", "unit", "value", "trend", "scatter", "error", "relative")
 
