@@ -1,11 +1,10 @@
-"""Substeps of a transfer, as a page: error, work at equal error, run-out by grid, and cost of a substep."""
+"""Substeps of a transfer, as a page: error, work at equal error, and cost of a substep."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from docs.pages import one_answer
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 
 TITLES = {
@@ -38,12 +37,6 @@ Relative L1 error of the map [%], mean of two seeds: 1, 2, 4 and 8 substeps. The
 Particle-steps over those that one substep needs for the same error, by a power law through its points; geometric mean over the
 grids. Four substeps reach what two cannot; eight gain little more, except for slow flows (jacksboro, 25°).
 
-## One answer whatever the grid
-
-{grids}
-
-Spread of the run-out over nine spacings from 0.7 to 4 raster cells, one substep and four, on {engine}; as on {{doc}}`one_answer`.
-
 ## Cost of a substep
 
 {scan}
@@ -53,8 +46,8 @@ by a fifth. On a GPU ({card}, float32, layers of `runout bench`), nanoseconds a 
 
 {gpu}
 
-On this CPU a substep costs what a step costs, within the spread of the runs. On this GPU it costs more; each substep finds its
-contacts again there. How much of the difference that takes was not measured.
+On this CPU a substep costs what a step costs, within the spread of the runs. On this GPU a substep of 0.1 and 0.3 million
+particles costs at most what a step costs, one of 1 and 10 million 14 and 24 % more: the nodes and the particles are read again.
 
 ## Full table
 
@@ -63,14 +56,12 @@ contacts again there. How much of the difference that takes was not measured.
 ## How to make this page
 
     RUNOUT_DATA=DIR python -m tests.benchmarks.substeps OUT --backend hash --device cuda:0 --processes 8
-    RUNOUT_DATA=DIR python -m tests.benchmarks.one_answer OUT --backend hash --device cuda:0 --substeps 4
     python tests/benchmarks/gpu_substeps.py --device cuda:0 --out gpu_substeps.json
 
 Times of scan are those of the first command without a device. Copy the records to `tests/benchmarks/records/` (`substeps.json`
-holds the others under `grids`, `gpu` and `scan`); `python -m docs.pages` then writes this page, its table and its figure.
+holds the others under `gpu` and `scan`); `python -m docs.pages` then writes this page, its table and its figure.
 
-Record: runout {runout}, commit {commit}, NumPy {numpy}. Nine spacings and times on the GPU: commit {gpu_commit}, whose kernels of
-substeps also worked on nodes without mass.
+Record: runout {runout}, commit {commit}, NumPy {numpy}. Times on the GPU: commit {gpu_commit}; times of scan: an earlier one.
 """
 
 
@@ -89,8 +80,7 @@ def page(record: Mapping[str, Any]) -> StudyPage:
     ]
     text = TEXT.format(
         reference=record["reference"], errors=markdown(heads, errors), seeds=np.median(apart), most_seeds=max(apart),
-        finest=", ".join(finest), work=_work_table(runs, coarse, numbers[1:]), grids=_grids(record["grids"]),
-        engine=record["grids"]["engine"], scan=_scan(record["scan"]),
+        finest=", ".join(finest), work=_work_table(runs, coarse, numbers[1:]), scan=_scan(record["scan"]),
         gpu_commit=record["gpu"]["commit"], card=record["gpu"]["device"],
         gpu=_gpu(record["gpu"]["records"]), table=download("substeps.csv", f"all {len(runs)} runs"),
         **{name: record["versions"][name] for name in ("runout", "commit", "numpy")},
@@ -136,19 +126,6 @@ def _work_table(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence
         for s, cells in coarse.items()
     ]
     return markdown(heads, rows)
-
-
-def _grids(grids: Mapping[str, Any]) -> str:
-    """Spread [%] of the run-out over the spacings, by substeps."""
-    rows = []
-    for site, title in one_answer.TITLES.items():
-        row = [title]
-        for runs in (grids["1"], grids["4"]):
-            centres = np.array([run["centre"] for run in runs if run["site"] == site and run["place"] == 0])
-            steps = np.abs(np.diff(centres) / centres[1:]).max()
-            row += [f"{100 * np.ptp(centres) / centres.mean():.1f} %", f"{100 * steps:.1f} %"]
-        rows.append(row)
-    return markdown(("raster", "trend, 1", "neighbours, 1", "trend, 4", "neighbours, 4"), rows)
 
 
 def _scan(times: Sequence[Mapping[str, Any]]) -> str:

@@ -31,7 +31,7 @@ SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bo
 SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
 AREAS_SPILLED = {"find_contacts": 8, "solve_contacts": 8}  # of laws of friction that use ground areas, in single precision
 STRUCTURES_SPILLED = {"float32": {"solve_contacts": 8}, "float64": {}}
-SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
+SPILLED: dict[str, dict[str, int]] = {"float32": {"solve_contacts": 8}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
 def resources(cubin: Path) -> dict[str, dict[int, int]]:

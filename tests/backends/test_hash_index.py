@@ -259,7 +259,7 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
     monkeypatch.setattr(layout, "AMPLE", 0)
     monkeypatch.setattr(index, "SMALLEST_TABLE", 1024)
     p = box((20.0, 20.0, 0.1), (32.0, 32.0, 8.0), UNIT)
-    backend = loaded(on_cpu(), scene(plane(), precision="float32"), p)
+    backend = loaded(on_cpu(), scene(plane(), precision="float32", substeps=1), p)
     assert layout.bytes_of(backend.parts.store) == 130 * len(p)
     blocks = backend.bytes_used() - layout.bytes_of(backend.parts.store) - layout.bytes_of(backend.parts.ground)
     assert blocks / (64 * backend.ledger().active_blocks) <= 100
@@ -287,7 +287,7 @@ def test_forecast_of_the_memory_is_within_two_percent(precision, deterministic):
     p = box((20.0, 20.0, 0.0), (16.0, 16.0, 4.0), UNIT)
     backend = loaded(on_cpu(deterministic=deterministic), scene(plane(), precision=precision), p)
     near = int((backend.parts.nodes.grounded.numpy() >= 0).sum())
-    forecast = hash_backend.bytes_needed(len(p), backend.parts.index.nall, precision, deterministic, near)
+    forecast = hash_backend.bytes_needed(len(p), backend.parts.index.nall, precision, deterministic, near, substeps=4)
     assert forecast == pytest.approx(backend.bytes_used() - layout.bytes_of(backend.parts.ground), rel=0.02)
 
 
@@ -300,7 +300,7 @@ def test_forecast_of_the_memory_counts_ground_areas_and_drag_within_two_percent(
     backend = loaded(on_cpu(), scene(plane(), materials=(SAND,) * len(friction), precision=precision, friction=friction), p)
     near = int((backend.parts.nodes.grounded.numpy() >= 0).sum())
     blocks, law = backend.parts.index.nall, {"friction": friction[0], "mixed": len(friction)}
-    forecast = hash_backend.bytes_needed(len(p), blocks, precision, near=near, **law)
+    forecast = hash_backend.bytes_needed(len(p), blocks, precision, near=near, substeps=4, **law)
     assert forecast == pytest.approx(backend.bytes_used() - layout.bytes_of(backend.parts.ground), rel=0.02)
 
 

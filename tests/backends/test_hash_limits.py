@@ -107,6 +107,6 @@ def test_the_forecast_for_a_card_refuses_what_it_cannot_address(precision, fits)
 
 
 def test_the_forecast_for_a_card_refuses_blocks_that_cannot_be_addressed():
-    most = limits.largest_blocks(False)
+    most = limits.largest_blocks(False, substepped=True)
     with pytest.raises(CapacityError, match=rf"{most + 1} blocks has more than the {most}"):
         expected_memory(Extent(1000, 1, 1, 1, most + 1), 10_000, Scheme(precision="float32"), CARD)

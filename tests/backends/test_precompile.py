@@ -124,7 +124,7 @@ def sums_of_a_slide(material):
     return vars(kernels_for(a_scene))
 
 
-def test_a_second_law_compiles_one_kernel():
+def test_a_second_law_compiles_the_kernels_that_hold_it():
     """A kernel with the types of another law, or bound anew for it, would be compiled again."""
     first, second = sums_of_a_slide(SAND), sums_of_a_slide(ROCK)
     called = {name for name, kernel in first.items() if kernel.signatures}
@@ -132,7 +132,7 @@ def test_a_second_law_compiles_one_kernel():
     anew = {
         name for name in called if second[name].stats.cache_path != first[name].stats.cache_path or len(second[name].signatures) > 1
     }
-    assert anew == {"grid_to_particles"}
+    assert anew == {"grid_to_particles", "substep", "last_to_particles"}
 
 
 @pytest.mark.parametrize(("broken", "said"), [("warm_up", "compiling in a process of its own failed"), ("warm_up_ahead", "one of")])

@@ -102,7 +102,7 @@ def test_a_step_that_lacks_arenas_makes_them_and_changes_no_bit(room):
 def test_summing_late_changes_no_bit(monkeypatch):
     found, whole = [], Schedule.of
     for at_once in (True, False):
-        monkeypatch.setattr(Schedule, "of", lambda blocks, threads, _, at_once=at_once: whole(blocks, threads, at_once))
+        monkeypatch.setattr(Schedule, "of", lambda blocks, threads, at_once=at_once: whole(blocks, threads, at_once))
         engine = ScanBackend(threads=1)
         engine.load(*wedge())
         for _ in range(40):

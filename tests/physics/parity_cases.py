@@ -213,7 +213,6 @@ CASES = [
     Case(bspline.first_node, "s", "i", (between(-50.0, 50.0),)),
     Case(bspline.weights, "s", "v", (between(0.5, 1.5),)),
     Case(bspline.weight_slopes, "s", "v", (between(0.5, 1.5),)),
-    Case(bspline.moment_slopes, "s", "v", (between(0.5, 1.5),)),
     Case(bspline.inverse_inertia, "s", "s", (between(0.1, 50.0),)),
     Case(moments.moment_slope, "ss", "s", (step, between(0.1, 50.0))),
     Case(moments.velocity_gradient, "vvvv", "t", (vector, vector, vector, vector)),

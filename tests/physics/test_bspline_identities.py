@@ -51,9 +51,3 @@ def test_slopes_are_the_derivatives_of_the_weights():
 
 def test_negative_positions_are_floored_not_truncated():
     assert [bspline.first_node(q) for q in (-0.4, -0.5, -0.6, -3.7, 0.4, 0.5)] == [-1, -1, -2, -5, -1, 0]
-
-
-def test_slopes_of_the_packed_form_are_weight_times_arm_over_the_second_moment(stencil):
-    f, w, _ = stencil
-    exact = 4.0 * w * (np.arange(3.0)[:, None] - f)
-    np.testing.assert_allclose(np.array(bspline.moment_slopes(f)), exact, atol=1e-13)

@@ -158,6 +158,6 @@ def test_forecast_of_the_memory_counts_structures_within_two_percent(choices):
     backend = loaded(on_cpu(), a_scene, p)
     near, beside = (int((a.numpy() >= 0).sum()) for a in (backend.parts.nodes.grounded, backend.parts.structures.grounded))
     ways = a_scene.precision, False, near, a_scene.structures, beside
-    said = hash_backend.bytes_needed(len(p), backend.parts.index.nall, *ways)
+    said = hash_backend.bytes_needed(len(p), backend.parts.index.nall, *ways, substeps=a_scene.substeps)
     ground = layout.bytes_of(backend.parts.ground)
     assert said == pytest.approx(backend.bytes_used() - ground, rel=0.02)
