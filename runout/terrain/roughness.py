@@ -18,7 +18,7 @@ from runout.terrain.relief import filtered
 from runout.terrain.sdf import raster_surface
 
 WAVES = 3.0  # cells of the grid: half-width of the mean from which carried relief is counted; half of waves of six cells counts
-LEAST, MOST = 0.65, 2.2  # times the cost of slabs on rough planes that was measured on terrains: docs/theory.md, the ground
+LEAST, MOST = 0.6, 2.2  # times the cost of slabs on rough planes that was measured on terrains: docs/theory.md, the ground
 SAID = 0.1  # degrees of friction: less is not worth a number
 
 BANDS = ((2.0, 2.2), (2.2, 2.5), (2.5, 3.0), (3.0, 4.0), (4.0, 6.0), (6.0, 10.0))  # wave lengths [cells of the raster]
