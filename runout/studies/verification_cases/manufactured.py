@@ -145,8 +145,9 @@ WAVES = Case(
     "The stretch converges with order two as the mean over a cell and with order one at a particle: the packed transfer takes the "
     "velocity gradient from the affine matrix, whose error away from the middle of a cell is of first order and changes sign "
     "between the particles of a cell. With an amplitude of 0.05 and two particles a cell the quadrature of moving particles stops "
-    "convergence: displacement at 1.5e-3 of its amplitude from h = 1/64 m, stretch at 2.0e-2, with one substep a transfer at 1.3e-3 "
-    "and 1.7e-2. With four particles a cell no floor of displacement is met up to h = 1/64 m. Velocities that start at time zero instead of half a step early cost no order.",
+    "convergence: displacement at 1.5e-3 of its amplitude from h = 1/64 m, stretch at 2.0e-2; with one substep a transfer they are "
+    "1.3e-3 and 1.7e-2. With four particles a cell no floor of displacement is met up to h = 1/64 m. Velocities that start at time "
+    "zero instead of half a step early cost no order.",
 )
 VORTEX = Case(
     "U8",
