@@ -21,7 +21,7 @@ from runout.hazard.sampling import Estimator, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
-from runout.map_quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def aggregate(
     weights : sequence of float
         Their weights, in the same order; any positive scale.
     thresholds : mapping of str to sequence of float
-        Thresholds by the name of the quantity (:data:`runout.map_quantities.QUANTITIES`), in its unit; the lowest thickness, of
+        Thresholds by the name of the quantity (:data:`runout.quantities.QUANTITIES`), in its unit; the lowest thickness, of
         which there must be one, is that of inundation. Without thresholds a quantity has its percentiles and extremes only.
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.

@@ -10,7 +10,7 @@ from runout.errors import StorageError
 from runout.hazard.order import normalised, weighted_percentiles
 from runout.io import netcdf
 from runout.io.probe_files import PERCENTILE, POINTS, SECTIONS, STATION, TIME, add_values
-from runout.map_quantities import ARRIVAL
+from runout.quantities import ARRIVAL
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from runout.hazard.order import normalised
 from runout.hazard.probe_series import PERCENTILES, percentiles_of
 from runout.io.member_maps import MemberMaps
 from runout.io.probe_files import PERCENTILE, place_coordinates
-from runout.map_quantities import ARRIVAL
 from runout.model.probes import CrossSection, cell_of, ground_at
 from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:

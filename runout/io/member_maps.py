@@ -13,8 +13,8 @@ from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.grid import grid_coordinates
 from runout.io.window import NEVER_BELOW, Part
-from runout.map_quantities import ARRIVAL, member_map_names
 from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL, member_map_names
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from runout.config.parameter_variables import parameter_variable
 from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
-from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import WORST, DepthResolution
+from runout.quantities import QUANTITIES
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent

@@ -13,7 +13,7 @@ from runout.io import netcdf
 from runout.io.boundary import exists
 from runout.io.member_maps import read_maps
 from runout.io.opening import open_netcdf
-from runout.map_quantities import ARRIVAL_PERCENTILE
+from runout.quantities import ARRIVAL_PERCENTILE
 from runout.scores.error_bars import ErrorBars
 from runout.scores.flow import OF_ENSEMBLE, OF_MEMBER, Flow, percentile_of
 from runout.scores.grid import Grid

@@ -6,7 +6,7 @@ from pathlib import Path
 from runout.errors import ObservationError
 from runout.io.opening import open_raster
 from runout.io.units import OTHER_UNITS, factor_to, is_stated
-from runout.map_quantities import QUANTITIES
+from runout.quantities import QUANTITIES
 from runout.scores.flow import IN_FILES, TITLES
 
 NAMED = {name: name for name in (*QUANTITIES, "arrival", "change") if name != "thickness"}  # by words of the names of files

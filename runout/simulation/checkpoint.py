@@ -23,9 +23,9 @@ from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.io import source_code
 from runout.io.atomic import whole_file
-from runout.map_quantities import member_map_names
 from runout.model.particle_source import ParticleSource
 from runout.model.scene import Scene
+from runout.quantities import member_map_names
 
 LOGGER = logging.getLogger(__name__)
 FORMAT = 12  # version of the file; increase it when the meaning of a state changes

@@ -9,10 +9,10 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
-from runout.map_quantities import member_map_names, peak_quantities
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Structures
+from runout.quantities import member_map_names, peak_quantities
 from runout.simulation.structure_forces import StructureForces
 
 THICKNESS = 0  # of the peaks
@@ -33,7 +33,7 @@ class PeakMaps:
         Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
         over the raster. :meth:`maps` are on the raster.
     peaks : (quantities, rows, columns)
-        Those of :func:`runout.map_quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
+        Those of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
     arrival : (rows, columns)
         [s], NaN where nothing has arrived.
     thickness : (rows, columns)

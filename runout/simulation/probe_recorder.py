@@ -17,11 +17,11 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding, rebound
 from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
-from runout.map_quantities import ARRIVAL, peak_quantities
 from runout.model.probe_series import ProbeSeries
 from runout.model.probes import CrossSection, Probe, Probes, cell_of
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL, peak_quantities
 
 PIECES = 4  # pieces of a line in the shorter side of a cell
 TINY = np.finfo(float).tiny

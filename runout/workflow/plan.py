@@ -14,9 +14,9 @@ from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
-from runout.map_quantities import member_map_names
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
+from runout.quantities import member_map_names
 from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME

@@ -15,9 +15,9 @@ from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.member_maps import RASTER, cut_to_reached
 from runout.io.provenance import sha256
-from runout.map_quantities import QUANTITIES, peak_quantities
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.quantities import QUANTITIES, peak_quantities
 from runout.simulation.probe_recorder import OF_ARRAYS
 
 SHAPE = (37, 53)  # odd and unequal, so that a transposed or flipped map cannot pass
