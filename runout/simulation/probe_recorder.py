@@ -9,23 +9,22 @@ velocity of their last step: the flux of that step is that of the boxes half a s
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from runout.backends import footprints
-from runout.backends.compile import array_binding, rebound
+from runout.backends.compile import array_binding
 from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
 from runout.model.probe_series import ProbeSeries
 from runout.model.probes import CrossSection, Probe, Probes, cell_of
 from runout.model.scene import Scene
+from runout.model.shared_subset import for_arrays
 from runout.model.terrain import Terrain
 from runout.quantities import ARRIVAL, peak_quantities
 
 PIECES = 4  # pieces of a line in the shorter side of a cell
 TINY = np.finfo(float).tiny
-OF_ARRAYS = {"math": np, "min": np.minimum, "max": np.maximum, "abs": np.abs}  # what names in a formula of a quantity mean
 AROUND = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)]).T  # a cell and its neighbours, (2, 9)
 DISCHARGE, PASSED, WIDTH, DEPTH = "discharge", "passed_volume", "flow_width", "largest_thickness"
 OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; flux, width, largest thickness
@@ -179,8 +178,7 @@ class ProbeRecorder:
         depth, speed, density = np.moveaxis(rows, 1, 0)
         moving, series = depth >= self.arrival_threshold, {}
         for quantity in peak_quantities():
-            formula: Any = quantity.formula
-            values = rebound(formula, OF_ARRAYS, {})(depth, speed, density)
+            values = for_arrays(quantity.formula)(depth, speed, density)
             if quantity.stem == "flow_thickness":
                 series[quantity.stem] = _resampled(values, known, time)
             else:
