@@ -18,11 +18,10 @@ from runout.scores.grid import Grid, common_grid, placed, resampled
 from runout.scores.members import Member, Probabilities, add_brier, ranked, scored_members, valid_members
 from runout.scores.observations import Observations
 from runout.scores.outline import outline_shares
-from runout.scores.products import Product, Reading, member_product, read_product
+from runout.scores.products import Product, Reading, VectorContent, member_product, read_product, read_vector
 from runout.scores.read import Nodata, read_thalweg, where_dry
 from runout.scores.scoring import NO_BARS, scores_of
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
-from runout.scores.vector_product import VectorContent, read_vector
 
 DEFAULT_THRESHOLDS = (0.1, 0.5, 1.0)
 NO_AREA = ("change", "arrival")  # quantities without an area of a threshold

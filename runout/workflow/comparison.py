@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from runout import log
 from runout.errors import ExitCode
-from runout.variables import PRINTED
+from runout.variables import PRINTED, VARIABLES
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from runout.scores.assessment import Assessment
     from runout.scores.comparison import Choices, Comparison
     from runout.scores.definitions import Score
@@ -104,13 +106,42 @@ def write(found: "Comparison", out: Path) -> list[Path]:
     """Paths of the page, the record and the difference maps with their styles, after writing each as a whole."""
     from runout.io.atomic import write_json, write_text
     from runout.report.comparison import comparison_page
-    from runout.report.difference_maps import write_differences
     from runout.scores.comparison import summary
 
     maps = write_differences(found, out)
     record = write_json(summary(found) | {"maps": [path.name for path in maps]}, out / RECORD)
     table = [write_text(members_csv(found.members), out / TABLE)] if found.members else []
     return [write_text(comparison_page(found), out / PAGE), record, *table, *maps]
+
+
+def write_differences(comparison: "Comparison", folder: Path) -> list[Path]:
+    """Paths of a GeoTIFF and a QGIS style for every quantity that both products have, after writing them."""
+    from runout.io.atomic import write_text
+    from runout.io.geotiff import write_cog
+    from runout.io.netcdf import map_dataset
+    from runout.scores.flow import DIFFERENCES
+
+    maps = {DIFFERENCES[quantity]: comparison.difference(quantity) for quantity in comparison.quantities}
+    if not maps:
+        return []
+    dataset = map_dataset(comparison.grid.terrain(), maps, title=f"{comparison.a.path.name} minus {comparison.b.path.name}")
+    paths = []
+    for name in maps:
+        paths.append(write_cog(dataset, name, folder / f"{name}.tif"))
+        paths.append(write_text(difference_style(dataset[name].values, name), folder / f"{name}.qml"))
+    return paths
+
+
+def difference_style(values: "np.ndarray", name: str) -> str:
+    """QGIS style of a signed map, symmetric about 0."""
+    import numpy as np
+
+    from runout.hazard.style import class_edges, qml
+
+    units, divisor = VARIABLES[name].printed
+    known = values[np.isfinite(values)] / divisor
+    smallest, largest = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return qml(class_edges(name, [], smallest, largest), units, name)
 
 
 def members_csv(members: "Sequence[Member]") -> str:
