@@ -120,8 +120,8 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
     arrays = [ground.surface.coefficients, ground.change] if ground else []
     if scene.friction_zones:
         zones = scene.friction_zones
-        stated = [changes[name] for changes in (zones.replaced, zones.gridded) for name in sorted(changes)]
-        arrays += [zones.factor, zones.coefficient, *chain.from_iterable(stated)]
+        changes_of_zones = [changes[name] for changes in (zones.replaced, zones.gridded) for name in sorted(changes)]
+        arrays += [zones.factor, zones.coefficient, *chain.from_iterable(changes_of_zones)]
     if scene.unknown is not None:
         arrays += [scene.unknown]
     if scene.structures:

@@ -134,10 +134,10 @@ class ParticleSample:
 
     def take(self, particles: Particles, spacing: tuple[float, float, float]) -> np.ndarray:
         """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain."""
-        found = particles.take(particles.identity % self.stride == 0)
+        sample = particles.take(particles.identity % self.stride == 0)
         frame = np.full((self.size, 4), np.nan, np.float32)
-        speed = np.linalg.norm(found.velocity, axis=1)
-        frame[found.identity // self.stride] = np.column_stack([found.position(np.array(spacing)), speed])
+        speed = np.linalg.norm(sample.velocity, axis=1)
+        frame[sample.identity // self.stride] = np.column_stack([sample.position(np.array(spacing)), speed])
         return frame
 
 

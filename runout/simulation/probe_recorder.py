@@ -204,11 +204,11 @@ Cells = tuple[np.ndarray, np.ndarray, np.ndarray]  # numbers of their probes (n,
 def _at(lanes: Sequence[np.ndarray], row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Values (lanes, n) of each of the ``lanes`` (rows, columns) in cells; 0 beyond them."""
     rows, columns = lanes[0].shape
-    found, inside = np.zeros((len(lanes), len(row))), (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    values, inside = np.zeros((len(lanes), len(row))), (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     at = row[inside], column[inside]
     for k, lane in enumerate(lanes):
-        found[k, inside] = lane[at]
-    return found
+        values[k, inside] = lane[at]
+    return values
 
 
 def _joined(several: list[tuple[np.ndarray, np.ndarray]]) -> Cells:
@@ -239,18 +239,18 @@ def _lengths(line: CrossSection, cell: tuple[float, float], shape: tuple[int, in
     """Cells (row from the south, column) (2, n) that a line crosses, and its length in each [m]."""
     places, _, lengths = line.samples(min(cell) / PIECES)
     column, row = (np.clip((places[:, d] / cell[d]).astype(np.int64), 0, shape[1 - d] - 1) for d in (0, 1))
-    found, owner = np.unique(row * shape[1] + column, return_inverse=True)
-    return np.stack(np.divmod(found, shape[1])), np.bincount(owner, lengths, len(found))
+    cells, owner = np.unique(row * shape[1] + column, return_inverse=True)
+    return np.stack(np.divmod(cells, shape[1])), np.bincount(owner, lengths, len(cells))
 
 
-def _resampled(values: np.ndarray, known: np.ndarray, time: np.ndarray, at_rest: float | None = None) -> np.ndarray:
-    """Values (n, times) at times from those (observations, n) at ``known`` times; after the last ``at_rest``, or the last value."""
+def _resampled(values: np.ndarray, observed: np.ndarray, time: np.ndarray, at_rest: float | None = None) -> np.ndarray:
+    """Values (n, times) from those (observations, n) at ``observed`` times; after the last one ``at_rest``, or the last value."""
     if not values.shape[1]:
         return np.zeros((0, len(time)))
-    found = np.stack([np.interp(time, known, series) for series in values.T])
+    resampled = np.stack([np.interp(time, observed, series) for series in values.T])
     if at_rest is not None:
-        found[:, time > known[-1] * (1 + 1e-9)] = at_rest
-    return found
+        resampled[:, time > observed[-1] * (1 + 1e-9)] = at_rest
+    return resampled
 
 
 def _at_cells(points: tuple[Probe, ...], terrain: Terrain, maps: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

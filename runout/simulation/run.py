@@ -91,8 +91,8 @@ class Run:
         self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
-        wanted = control.probes
-        self.probes = ProbeRecorder(scene, wanted, control.arrival_threshold, on_lattice) if wanted else None
+        probes = control.probes
+        self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
         self.ledger, self.rest = Ledger(), AtRest()
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
@@ -154,7 +154,7 @@ class Run:
         return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
 
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
-        """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
+        """Result of the run so far, after ``setup`` [s] of preparation; with ``brought`` it has the particles as they are."""
         maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
         fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps}
         return Result(
