@@ -114,6 +114,11 @@ class Points:
         self.place, self.velocity = self.place[:, those], self.velocity[:, those]
 
 
+def volume_and_square(releases: Sequence[Release], points: int) -> tuple[float, float]:
+    """Volume [m3] of one of the ``points`` that stand for releases, and side [m] of the squares on which they are counted."""
+    return sum(r.volume for r in releases) / points, math.sqrt(sum(r.area for r in releases)) / SQUARES
+
+
 @dataclass
 class _Gathering:
     """Thickness of a mass by how many of its points lie together, on squares as wide as a part of the releases.
@@ -140,8 +145,7 @@ class _Gathering:
     @classmethod
     def of(cls, releases: Sequence[Release], points: int, most: Sequence[float]) -> "_Gathering":
         """Of releases that ``points`` stand for."""
-        size = math.sqrt(sum(r.area for r in releases)) / SQUARES
-        return cls(sum(r.volume for r in releases) / points, size, np.asarray(most))
+        return cls(*volume_and_square(releases, points), np.asarray(most))
 
     def count(self, points: Points, way: float) -> None:
         """Set the thinness of points, of which the fastest has moved on by ``way`` [m]; seldom, where they hardly move."""
