@@ -76,7 +76,7 @@ def aggregate(
     joint : sequence of mapping of str to float
         Thresholds by quantity that the maxima of a member have to reach together, each at its own time.
     estimator : Estimator
-        Of the standard errors; blocks need equal weights and the order of the net.
+        Estimator of the standard errors. Its blocks need members of equal weights in the order of the net.
     memory_bytes : int
         8 MiB at least are used.
     folder : Path, optional
@@ -144,15 +144,15 @@ class _Maps:
     Parameters
     ----------
     dataset : xarray.Dataset
-        All maps at their start, of :func:`empty_maps`.
+        Maps of :func:`empty_maps`, which are filled.
     weights : ndarray (members,)
-        Of sum 1.
+        Weights of the members; their sum is 1.
     store : TileStore
         Values of the quantities in the order of the table, then of the arrival.
     side : int
         Cells along a side of a tile.
     estimator : Estimator
-        Of the standard errors.
+        Estimator of the standard errors.
     """
 
     def __init__(self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator):

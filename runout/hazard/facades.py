@@ -77,7 +77,7 @@ def facade_dataset(records: FacadeRecords, ensemble: Ensemble, percentiles: Sequ
     percentiles : sequence of float
         [%]
     thresholds : sequence of float
-        Of the mean pressure on a facade [Pa].
+        Thresholds of the mean pressure on a facade [Pa].
     """
     assert records.facades is not None  # the ensemble has valid members
     dataset, places = records.facades.copy(), [k for k, m in enumerate(ensemble.table.index) if m in ensemble.files]

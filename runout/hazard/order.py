@@ -55,7 +55,7 @@ class CellValues:
     members : ndarray (members with values,)
         Their numbers.
     weights : ndarray (members,)
-        Of all members, of sum 1.
+        Weights of all members; their sum is 1.
     absent : float
         0, or infinity for a time that never comes; then only :meth:`percentiles` has a meaning.
     """

@@ -52,7 +52,7 @@ class TileStore:
     Parameters
     ----------
     folder : Path
-        Where the file goes.
+        Folder of the file.
     maps : int
         Number of maps.
     cells : int

@@ -20,7 +20,7 @@ def require_regular(path: Path, error: type[InputError]) -> Path:
     Raises
     ------
     InputError
-        Of the given kind, with the remedy.
+        Of the kind ``error``, with the remedy.
     """
     absolute = Path(os.path.abspath(path))
     if str(absolute).startswith("/vsi"):

@@ -29,7 +29,7 @@ class Fingerprint:
     sha256 : str
         Checksum of the content.
     size : int
-        Of the file [byte].
+        Size of the file [byte].
     inode, modified, changed : int
         Inode number, and the times [ns] of the last change of content and of status.
     noted : int

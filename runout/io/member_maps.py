@@ -38,7 +38,7 @@ class Block:
     Attributes
     ----------
     rows, columns : slice
-        Of the raster.
+        Rows and columns of the raster.
     maps : mapping of str to ndarray (rows, columns)
         float32; NaN where there is no value.
     """

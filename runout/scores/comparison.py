@@ -91,25 +91,26 @@ class Comparison:
     Attributes
     ----------
     a, b : Product
-        As read.
+        Both products, on their own grids.
     grid : Grid
         Common cells.
     flows : tuple of Flow
-        Maps of both on the common cells; that of an outline or of points holds none. Of an ensemble against one flow they are
+        Maps of both on the common cells. An outline or points have no maps. If an ensemble is compared with one flow, its maps are
         those of its best member.
     elevation, release : ndarray (rows, columns) or None
-        Of the product that has them [m].
+        Elevation of the ground and thickness of the release [m], of the product that has them.
     vector : VectorContent or None
         Outline or points.
     found : Assessment
-        Scores of ``a`` against ``b``; of an ensemble against one flow those of the areas that a share of its members reaches.
+        Scores of ``a`` against ``b``. If an ensemble is compared with one flow, they score the area that a share of its members
+        reaches.
     members : tuple of Member
         Members of the ensemble, from the best to the worst; empty unless one of the two is an ensemble with its members.
     ranked_by : str
-        What ranks them.
+        Score that ranks the members.
     thresholds : tuple of float
     changes : tuple of str
-        What was changed on the way in.
+        Sentences on changes that the readers made.
     setting : Setting
     slope_normal : bool
         Whether thickness is normal to the slope.

@@ -33,13 +33,13 @@ class PeakMaps:
         Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
         over the raster. :meth:`maps` are on the raster.
     peaks : (quantities, rows, columns)
-        Those of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
+        Largest values of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
     arrival : (rows, columns)
-        [s], NaN where nothing has arrived.
+        Time of arrival [s]; NaN where nothing has arrived.
     thickness : (rows, columns)
-        That of all volume at the last observation [m], single particles included.
+        Thickness of all volume at the last observation [m], single particles included.
     window : (4,)
-        First row and column, and one past the last, outside of which that is zero.
+        First row and column, and one past the last; outside of them that thickness is zero.
     """
 
     scene: Scene
@@ -128,7 +128,7 @@ class ParticleSample:
 
     @classmethod
     def of(cls, particles: int, most: int) -> "ParticleSample":
-        """Sample of at most ``most`` of so many particles."""
+        """Sample of at most ``most`` particles from a number of ``particles``."""
         stride = -(-particles // most) if most else 1
         return cls(-(-particles // stride) if most else 0, max(1, stride))
 
@@ -215,7 +215,7 @@ class Ledger:
         return series | self._sparsity(series["active_blocks"])
 
     def _sparsity(self, active: np.ndarray) -> dict[str, np.ndarray]:
-        """Nodes of the active blocks, and those of the smallest box around them over these; NaN without any."""
+        """Number of nodes of the active blocks, and the nodes of their bounding box over that number; NaN without active blocks."""
         boxes = np.array([row.box_blocks for row in self.rows], float)
         return {"active_nodes": BLOCK_NODES * active, "sparsity": np.where(active > 0, boxes / np.maximum(active, 1), np.nan)}
 

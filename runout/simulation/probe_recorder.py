@@ -1,10 +1,11 @@
 """Observer of a run that records time series at points and cross-sections, from the same columns as the maps.
 
 A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
-summed over every observation of the run: the momentum of the particles over their density, each a box of one grid cell, bilinear
-between the cells of the lattice. Footprints of maps follow the number of particles around, so that a sum over them is no balance;
-boxes only move. Widths and depths are those of the maps: of the volume that flows. Particles arrive where they are with the
-velocity of their last step: the flux of that step is that of the boxes half a step upstream.
+summed over all observations of the run. The flux is the momentum of the particles over their density. Each particle is a box of one
+grid cell, bilinear between the cells of the lattice. The footprints of the maps are not used: their size follows the number of
+particles around, so that a sum over them does not balance. Boxes only move. Widths and depths are those of the maps, which count
+the volume that flows. A particle has come to its place with the velocity of its last step. So the flux of that step is taken from
+the boxes half a step upstream.
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,13 +68,13 @@ class Pieces:
 
 
 class ProbeRecorder:
-    """Records what passes the probes at every observation of a run.
+    """Records the flow at points and through cross-sections at every observation of a run.
 
     Parameters
     ----------
     scene : Scene
     probes : Probes
-        In local coordinates, see :meth:`runout.model.probes.Probes.on`.
+        Probes in local coordinates, see :meth:`runout.model.probes.Probes.on`.
     arrival_threshold : float
         Thickness [m] from which a column has a speed, and a line is covered.
     on_lattice : bool

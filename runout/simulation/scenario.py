@@ -84,7 +84,7 @@ def build_scene(
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of :func:`build_scene` from those of :func:`runout.simulate`; those of other things are left out."""
+    """Arguments of :func:`build_scene` from those of :func:`runout.simulate`; arguments that it does not take are left out."""
     chosen = {name: arguments[name] for name in signature(build_scene).parameters if name in arguments}
     return {"basal_friction_angle": USUAL_ANGLE, **chosen, "numerics": Numerics.of(arguments)}
 

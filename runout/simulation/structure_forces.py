@@ -23,7 +23,7 @@ SERIES = (
 
 @dataclass(frozen=True)
 class StructureForces:
-    """Impulses of the flow on the patches of structures, and what follows from them for facades; all float64.
+    """Impulses of the flow on the patches of structures, and forces and pressures of facades from them; all float64.
 
     Attributes
     ----------

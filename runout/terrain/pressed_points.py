@@ -38,9 +38,9 @@ class _Squares:
     Attributes
     ----------
     volume : float
-        That a point stands for [m3].
+        Volume that one point stands for [m3].
     size : float
-        Of a square [m].
+        Side of a square [m].
     peak : ndarray (east, north)
         Largest thickness so far [m].
     """
@@ -89,14 +89,15 @@ def forecast_depth(
     releases : sequence of Release
         On one terrain.
     resistance : callable
-        Of :mod:`runout.model.column_resistance`, for columns of a vertical ``thickness`` [m] of each release.
+        Resistance of :mod:`runout.model.column_resistance`, for columns of a vertical ``thickness`` [m] of each release.
     pressure : ndarray (releases,)
-        Of :func:`lateral_pressure`.
+        Result of :func:`lateral_pressure`.
     spacing : tuple of float
-        Of the grid [m], east and north.
+        Spacing of the grid [m], east and north.
     end_time : float
-        [s].
+        End of the forecast [s].
     points : int
+        Number of points of all releases together.
     """
     ground, moving, squares = Ground.under(releases, spacing), Points.of(releases, 1, points), _Squares.under(releases, points)
     time, steps, fastest, most = 0.0, 0, 0.0, np.asarray(thickness)

@@ -35,7 +35,7 @@ class Slide:
     speed, fastest : ndarray (steps, members)
         Root mean square and largest speed [m/s].
     share : ndarray (steps, members)
-        Of the mass that is on the terrain [1].
+        Share of the mass that is on the terrain [1].
     """
 
     time: np.ndarray
@@ -74,7 +74,7 @@ class Points:
     Attributes
     ----------
     member, release : ndarray (n,)
-        That they belong to.
+        Number of the member and of the release of each point.
     place, velocity : ndarray (2, n)
         Local position [m] and velocity in plan [m/s].
     thinness : ndarray (n,)
@@ -128,13 +128,13 @@ class _Gathering:
     Attributes
     ----------
     volume : float
-        That a point stands for [m3].
+        Volume that one point stands for [m3].
     size : float
-        Of the squares [m].
+        Side of a square [m].
     most : ndarray (releases,)
         Thickness [m] for which the resistance was made: points that gather further count as this.
     moved : float
-        Way of the fastest point since points were counted [m].
+        Way of the fastest point since the last count [m].
     """
 
     volume: float
@@ -179,14 +179,14 @@ def slide(
     releases : sequence of Release
         On one terrain.
     resistance : callable
-        Of :mod:`runout.model.column_resistance`.
+        Resistance of :mod:`runout.model.column_resistance`.
     members : int
     spacing : tuple of float
-        Of the grid [m], east and north: the surface follows the terrain as that of a run on this grid.
+        Spacing of the grid [m], east and north: the surface follows the terrain as that of a run on this grid.
     end_time : float
-        [s]; by default points slide until they rest or have gone, for :data:`MOST_STEPS` steps at most.
+        End of the slide [s]. By default points slide until they rest or leave the terrain, for :data:`MOST_STEPS` steps at most.
     points : int
-        Of each member.
+        Number of points of each member.
     most : sequence of float, optional
         Vertical thickness [m] of each release for which ``resistance`` was made. With it the columns are as thick as the points
         gather, at most so; without it they keep the thickness of the resistance.

@@ -89,7 +89,7 @@ def open_source(path: str | PathLike[str], quantity: Quantity) -> Iterator[Sourc
     Raises
     ------
     InputError
-        That of the quantity, if the file is missing or unreadable, is rotated, or does not state where it lies or what it holds.
+        Error of the quantity, if the file is missing or unreadable, is rotated, or does not state where it lies or what it holds.
     """
     text = fspath(as_path(path, quantity.error)) if not isinstance(path, str) else path
     if text.lower().endswith(SURFACES):

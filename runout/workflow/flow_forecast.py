@@ -40,9 +40,9 @@ class Flow:
     Attributes
     ----------
     duration : float
-        [s]
+        Time until it rests or ends [s].
     path : float
-        Of its fastest point [m].
+        Way of its fastest point [m].
     share : float
         Mean share of its mass that is on the terrain [1].
     """

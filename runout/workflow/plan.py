@@ -49,17 +49,17 @@ class Forecast:
     workers : int
         Members that run at the same time.
     particles, steps : int
-        Of the member with the largest volume factor.
+        Number of particles and of steps of the member with the largest volume factor.
     member_seconds : float
         Time of that member on one core [s].
     seconds : float
         Time of all members [s].
     memory, disk : float
-        Of all workers together, and of all results [bytes].
+        Memory of all workers together, and disk space of all results [bytes].
     range_of_steps : tuple of int
         Least and most steps of a member.
     particle_steps : float
-        Of all members.
+        Sum over the members of the number of particles times the number of steps.
     measured : bool
         Whether the time of a step was measured on this machine.
     """

@@ -53,7 +53,7 @@ class Choices:
     size : tuple of int
         Width and height [pixel].
     device : str or None
-        Where a simulation is made that is not there, instead of what site.yaml says.
+        Device of a simulation that has to be made first; it replaces that of site.yaml.
     """
 
     member: int = 0
