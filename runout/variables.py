@@ -1,13 +1,13 @@
 """Table of all variables that runout writes: name -> unit, long name, CF standard name, type, valid range.
 
-Files are described from this table alone; the names of map quantities come from :mod:`runout.map_quantities`. A standard name is
+Files are described from this table alone; the names of map quantities come from :mod:`runout.quantities`. A standard name is
 given only where the CF table has one; there is none for debris, deposit, impact pressure or arrival, and none is borrowed from
 floods.
 """
 
 from dataclasses import dataclass, replace
 
-from runout.map_quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 
 FILL = -9999.0
 PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> printed unit and divisor

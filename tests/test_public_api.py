@@ -11,7 +11,7 @@ from rasterio.transform import from_origin
 from shapely.geometry import box
 
 import runout
-from runout.map_quantities import member_map_names
+from runout.quantities import member_map_names
 
 ROOT = Path(__file__).parents[1]
 UTM = "EPSG:32632"

@@ -54,14 +54,14 @@ def known_extent(files: "SiteFiles") -> DerivedExtent | None:
     settings, known = files.settings, files.known
     if known.path is None:
         return needed_extent(settings, files.file)
-    stated = settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
-    key = checksum([source_code.checksums().members, stated, files.checksums()])
-    noted = known.value("extent", key)
-    if noted is None:
-        found = needed_extent(settings, files.file)
-        known.note("extent", key, asdict(found) if found else {})
-        return found
-    return DerivedExtent(tuple(noted["edges"]), noted["sentence"]) if noted else None
+    inputs = settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
+    key = checksum([source_code.checksums().members, inputs, files.checksums()])
+    entry = known.value("extent", key)
+    if entry is None:
+        extent = needed_extent(settings, files.file)
+        known.note("extent", key, asdict(extent) if extent else {})
+        return extent
+    return DerivedExtent(tuple(entry["edges"]), entry["sentence"]) if entry else None
 
 
 def needed_extent(settings: "SiteSettings", file: Path) -> DerivedExtent | None:
@@ -88,8 +88,8 @@ def needed_extent(settings: "SiteSettings", file: Path) -> DerivedExtent | None:
     edges = float(low[0]), float(low[1]), float(high[0]), float(high[1])
     west, south, east, north = header.bounds
     if edges[0] >= east or edges[2] <= west or edges[1] >= north or edges[3] <= south:
-        place, held = (", ".join(f"{edge:.10g}" for edge in box) for box in (edges, header.bounds))
-        raise DemError(f"{header.source}: the releases [{place}] lie outside [{held}]; check the coordinate systems of both")
+        place, extent = (", ".join(f"{edge:.10g}" for edge in box) for box in (edges, header.bounds))
+        raise DemError(f"{header.source}: the releases [{place}] lie outside [{extent}]; check the coordinate systems of both")
     return _grown(settings, file, header, edges)
 
 
@@ -111,8 +111,8 @@ def extent_around(dem: Path | str, release: Path, crs: str | None = None) -> Bou
         return None
     is_vector = holds_geometries(release)
     path = str(release.absolute())
-    stated = ReleaseSettings.model_construct(polygons=path) if is_vector else ReleaseSettings.model_construct(raster=path)
-    west, south, east, north = release_bounds(stated, Path(), header)
+    settings = ReleaseSettings.model_construct(polygons=path) if is_vector else ReleaseSettings.model_construct(raster=path)
+    west, south, east, north = release_bounds(settings, Path(), header)
     dx, dy = FIRST * abs(header.transform[0]), FIRST * abs(header.transform[4])
     return west - dx, south - dy, east + dx, north + dy
 
@@ -126,15 +126,15 @@ def release_bounds(release: "ReleaseSettings", folder: Path, header: "Header") -
     from runout.release.bounds import polygon_bounds, thickness_bounds
 
     if release.polygons is not None:
-        found = polygon_bounds(Path(locate(release.polygons, folder)), release.layer, header.crs)
+        place = polygon_bounds(Path(locate(release.polygons, folder)), release.layer, header.crs)
     else:
         assert release.raster is not None  # the settings hold one of the two
-        found = thickness_bounds(Path(locate(release.raster, folder)), _state(header))
-    wanted = stated_crs(header.crs)
-    if found.crs is None or wanted is None:
-        return found.edges
+        place = thickness_bounds(Path(locate(release.raster, folder)), _state(header))
+    target = stated_crs(header.crs)
+    if place.crs is None or target is None:
+        return place.edges
     try:
-        edges = Transformer.from_crs(found.crs, wanted, always_xy=True).transform_bounds(*found.edges, densify_pts=EDGE_POINTS)
+        edges = Transformer.from_crs(place.crs, target, always_xy=True).transform_bounds(*place.edges, densify_pts=EDGE_POINTS)
     except ProjError:
         edges = (math.nan,) * 4
     if not np.isfinite(edges).all():
@@ -223,12 +223,12 @@ def _kept(header: "Header", terrain: "Terrain", reach: np.ndarray, tried: Bounds
         to_file = Transformer.from_crs(terrain.crs, terrain.own_crs, always_xy=True)
         west, south, east, north = edges
         edges = list(to_file.transform_bounds(west, south, east, north, densify_pts=EDGE_POINTS))
-    kept = [max(a, b) if k < 2 else min(a, b) for k, (a, b) in enumerate(zip(edges, tried, strict=True))]
-    said = (
+    limited = [max(a, b) if k < 2 else min(a, b) for k, (a, b) in enumerate(zip(edges, tried, strict=True))]
+    sentence = (
         f"{_too_many(header)}; its extent is derived from the releases and the energy line at the least friction of "
         f"{math.degrees(angle):.3g} deg; terrain.extent sets another one"
     )
-    return DerivedExtent((float(kept[0]), float(kept[1]), float(kept[2]), float(kept[3])), said)
+    return DerivedExtent((float(limited[0]), float(limited[1]), float(limited[2]), float(limited[3])), sentence)
 
 
 def _too_many(header: "Header") -> str:

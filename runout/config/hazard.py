@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from runout.config.distributions import Settings, quantity, refuse
-from runout.map_quantities import QUANTITIES, MapQuantity
+from runout.quantities import QUANTITIES, MapQuantity
 
 
 def _rising(values: list[float]) -> list[float]:

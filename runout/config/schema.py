@@ -10,7 +10,6 @@ from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
-from runout.config.metadata import METADATA, MetadataSettings
 from runout.config.observations import OBSERVATIONS, ObservationSettings
 from runout.config.probes import PROBES, ProbeSettings
 from runout.config.quantities import (
@@ -25,7 +24,6 @@ from runout.config.quantities import (
     Thickness,
 )
 from runout.config.remote import InputFile
-from runout.config.report import REPORT, ReportSettings
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.forecast.accuracy import CHOICES, PRESETS
@@ -35,6 +33,7 @@ from runout.model.limits import CFL, PARTICLES_PER_CELL, SMALLEST_NET
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 MOST_MEMBERS, LARGEST_NET, MOST_SNAPSHOTS = 100_000, 65_536, 1000
 SURFACES = (".obj", ".ply", ".stl")
+LONGEST_TEXT = 500  # characters of a text of the metadata
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
@@ -354,13 +353,45 @@ class BudgetSettings(Settings):
     disk_gb: float | None = quantity("disk", None, unit="GB", gt=0, examples=[2.0])
 
 
+def _text(description: str, **bounds: str) -> str | None:
+    return quantity(description, None, min_length=1, max_length=LONGEST_TEXT, **bounds)  # type: ignore[no-any-return]
+
+
+class MetadataSettings(Settings):
+    """Author and purpose of the study. All keys are optional; the products contain only those that are stated."""
+
+    author: str | None = _text("who is responsible for the study")
+    email: str | None = _text("address of the author", pattern=r"^[^@\s]+@[^@\s]+$", hint="name@example.org")
+    url: str | None = _text("page of the author, for example an ORCID", pattern=r"^https?://", hint="begin with https://")
+    institution: str | None = _text("where the study was made")
+    project: str | None = _text("project that it belongs to")
+    purpose: str | None = _text("what the maps are for, and what not")
+    license: str | None = _text("licence of the products, for example CC-BY-4.0")
+    references: str | None = _text("reports and papers that describe the case")
+    acknowledgement: str | None = _text("who is to be named as the source of the inputs")
+
+
+class ReportSettings(Settings):
+    """What the report shows besides maps and tables."""
+
+    stills: Literal["none", "worst", "all"] = quantity(
+        "3D pictures of the maximum thickness: none, of the member with the longest runout (worst), or of every member (all); they "
+        "need the extra runout[view] and OpenGL, and take about two seconds each",
+        "none",
+    )
+
+
 class SiteSettings(Settings):
     """A whole site.yaml."""
 
     name: str = quantity("short name of the site", pattern=NAME, hint="letters, digits, - and _")
     title: str = quantity("title of maps and report", "")
     description: str = quantity("what is modelled, and what is hypothetical", "")
-    metadata: MetadataSettings | None = METADATA
+    metadata: MetadataSettings | None = quantity(
+        "who made the study and what for: author, email, url, institution, project, purpose, license, references, acknowledgement",
+        None,
+        examples=[{"author": "A. Name", "institution": "Survey", "purpose": "screening"}],
+    )
     terrain: TerrainSettings = quantity("the terrain")
     structures: list[StructureSettings] | None = STRUCTURES
     release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
@@ -379,7 +410,9 @@ class SiteSettings(Settings):
     probes: ProbeSettings | None = PROBES
     stability: StabilitySettings | None = STABILITY
     observations: ObservationSettings | None = OBSERVATIONS
-    report: ReportSettings | None = REPORT
+    report: ReportSettings | None = quantity(
+        "what the report shows besides maps and tables: stills none, worst or all", None, examples=[{"stills": "worst"}]
+    )
     budget: BudgetSettings | None = quantity(
         "a run that is forecast to need more is refused", None, examples=[{"hours": 1.0, "memory_gb": 8.0, "disk_gb": 2.0}]
     )

@@ -15,7 +15,7 @@ from runout.io import source_code
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
 from runout.log import of_member
-from runout.map_quantities import member_map_names
+from runout.quantities import member_map_names
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -65,16 +65,16 @@ class Failure:
     def read(cls, path: Path) -> "Failure | None":
         """Failure from a file; None if it is missing or cannot be read."""
         try:
-            found = cls(**read_json(path))
+            failure = cls(**read_json(path))
         except TypeError:  # the content is not a failure
             return None
-        return found if isinstance(found.reason, str) and isinstance(found.key, str) else None
+        return failure if isinstance(failure.reason, str) and isinstance(failure.key, str) else None
 
 
 def member_state(member: Member, results: Path, written: Written) -> tuple[State, str]:
     """State of a member and its reason (empty if done); ``written`` detects damaged files."""
-    found = written.look(member.file(results))
-    if found.key == member.key:
+    record = written.look(member.file(results))
+    if record.key == member.key:
         return State.DONE, ""
     failure = Failure.read(member.failure_file(results))
     if failure and failure.key == member.key:
@@ -82,14 +82,14 @@ def member_state(member: Member, results: Path, written: Written) -> tuple[State
     if member.checkpoint_file(results).exists():
         from runout.simulation.checkpoint import stored_time
 
-        kept = stored_time(member.checkpoint_file(results))
-        if kept is not None:
-            return State.LEFT, f"broken off or running, kept at {kept:.4g} s; a run goes on from there"
-    return State.LEFT, _why_left(found)
+        checkpoint_time = stored_time(member.checkpoint_file(results))
+        if checkpoint_time is not None:
+            return State.LEFT, f"broken off or running, kept at {checkpoint_time:.4g} s; a run goes on from there"
+    return State.LEFT, _why_left(record)
 
 
-def _why_left(found: Found) -> str:
-    fault = found.fault or ("holds another member" if found.key else None)
+def _why_left(record: Found) -> str:
+    fault = record.fault or ("holds another member" if record.key else None)
     return f"its file {fault}; it is simulated again" if fault else NOT_RUN
 
 
@@ -115,7 +115,7 @@ def standings(site: "Site", results: Path) -> list[Standing]:
     written, members = Written(results), plan_members(site)
     if not members_folder(results).is_dir():  # avoids a search for files of each member
         return [Standing(member, State.LEFT, NOT_RUN) for member in members]
-    found = [Standing(member, *member_state(member, results, written)) for member in members]
-    if all(one.reason != NOT_RUN for one in found) or not unused_files(results, members):
-        return found
-    return [replace(one, reason=f"{NOT_RUN} with these inputs and settings") if one.reason == NOT_RUN else one for one in found]
+    states = [Standing(member, *member_state(member, results, written)) for member in members]
+    if all(one.reason != NOT_RUN for one in states) or not unused_files(results, members):
+        return states
+    return [replace(one, reason=f"{NOT_RUN} with these inputs and settings") if one.reason == NOT_RUN else one for one in states]

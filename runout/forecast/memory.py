@@ -10,13 +10,13 @@ import numpy as np
 
 from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
 from runout.errors import CapacityError
-from runout.map_quantities import member_map_names
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FrictionLaw
 from runout.model.numerics import Scheme
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
 from runout.model.surface import Surface
+from runout.quantities import member_map_names
 
 GIGABYTE = 1e9
 # cells around the first node of a square of two cells by two, west and south, there, and east and north; and above and below:

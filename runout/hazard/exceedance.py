@@ -21,7 +21,7 @@ from runout.hazard.sampling import Estimator, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
-from runout.map_quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -69,14 +69,14 @@ def aggregate(
     weights : sequence of float
         Their weights, in the same order; any positive scale.
     thresholds : mapping of str to sequence of float
-        Thresholds by the name of the quantity (:data:`runout.map_quantities.QUANTITIES`), in its unit; the lowest thickness, of
+        Thresholds by the name of the quantity (:data:`runout.quantities.QUANTITIES`), in its unit; the lowest thickness, of
         which there must be one, is that of inundation. Without thresholds a quantity has its percentiles and extremes only.
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.
     joint : sequence of mapping of str to float
         Thresholds by quantity that the maxima of a member have to reach together, each at its own time.
     estimator : Estimator
-        Of the standard errors; blocks need equal weights and the order of the net.
+        Estimator of the standard errors. Its blocks need members of equal weights in the order of the net.
     memory_bytes : int
         8 MiB at least are used.
     folder : Path, optional
@@ -122,13 +122,13 @@ def _quantities_of(
     member: MemberMaps, thresholds: Mapping[str, Sequence[float]], joint: Sequence[Condition]
 ) -> dict[str, MapQuantity]:
     """Quantities whose map a member holds; StorageError if it lacks one that has a threshold."""
-    held = member.held()
-    wanted = {name for name, limits in thresholds.items() if len(limits)} | {name for condition in joint for name in condition}
-    for name in sorted(wanted):
-        if QUANTITIES[name].member_map not in held:
+    map_names = member.held()
+    names = {name for name, limits in thresholds.items() if len(limits)} | {name for condition in joint for name in condition}
+    for name in sorted(names):
+        if QUANTITIES[name].member_map not in map_names:
             lacking = f"{member.path}: {QUANTITIES[name].member_map} is missing, which thresholds of {name} need"
             raise StorageError(f"{lacking}; run the ensemble again")
-    return {name: quantity for name, quantity in QUANTITIES.items() if quantity.member_map in held}
+    return {name: quantity for name, quantity in QUANTITIES.items() if quantity.member_map in map_names}
 
 
 def _side(weights: np.ndarray, memory_bytes: int) -> int:
@@ -144,15 +144,15 @@ class _Maps:
     Parameters
     ----------
     dataset : xarray.Dataset
-        All maps at their start, of :func:`empty_maps`.
+        Maps of :func:`empty_maps`, which are filled.
     weights : ndarray (members,)
-        Of sum 1.
+        Weights of the members; their sum is 1.
     store : TileStore
         Values of the quantities in the order of the table, then of the arrival.
     side : int
         Cells along a side of a tile.
     estimator : Estimator
-        Of the standard errors.
+        Estimator of the standard errors.
     """
 
     def __init__(self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator):
@@ -189,21 +189,21 @@ class _Maps:
 
     def place(self, tile: int) -> None:
         """Put the statistics of a tile into the maps."""
-        given = self.store.members_of(tile)
+        members = self.store.members_of(tile)
         for k, quantity in enumerate(self.quantities.values()):
-            self._put_quantity(tile, quantity, self.store.values_of(tile, k), given)
+            self._put_quantity(tile, quantity, self.store.values_of(tile, k), members)
         for k, condition in enumerate(self.joint):
-            self._put_joint(tile, condition, k, given)
+            self._put_joint(tile, condition, k, members)
         arrival = self.store.values_of(tile, len(self.quantities))
         arrival[np.isnan(arrival)] = np.inf
-        found = CellValues(arrival, given, self.weights, absent=np.inf).percentiles(self.dataset["percentile"].values)
-        self._put(tile, ARRIVAL_PERCENTILE, np.where(np.isinf(found), np.nan, found))
+        percentiles = CellValues(arrival, members, self.weights, absent=np.inf).percentiles(self.dataset["percentile"].values)
+        self._put(tile, ARRIVAL_PERCENTILE, np.where(np.isinf(percentiles), np.nan, percentiles))
 
-    def _put_quantity(self, tile: int, quantity: MapQuantity, unsorted: np.ndarray, given: np.ndarray) -> None:
-        """Exceedance, percentiles and extremes from values (cells, members that are given) in the order of the members."""
+    def _put_quantity(self, tile: int, quantity: MapQuantity, unsorted: np.ndarray, members: np.ndarray) -> None:
+        """Exceedance, percentiles and extremes from values (cells, members) in ascending order of the members."""
         limits = self.limits[quantity.name]
-        spread = self.estimator.spread(unsorted, given, len(self.weights), limits)
-        values = CellValues(unsorted, given, self.weights)
+        spread = self.estimator.spread(unsorted, members, len(self.weights), limits)
+        values = CellValues(unsorted, members, self.weights)
         self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
         if quantity.mean:
             self._put(tile, quantity.mean, values.mean)
@@ -214,15 +214,15 @@ class _Maps:
                 self._put(tile, "members_reached", np.where(values.peak > 0, values.count(limit), 0))
         self._put(tile, quantity.peak, np.where(np.isnan(self._cells(tile, quantity.peak)), np.nan, values.peak))
 
-    def _put_joint(self, tile: int, condition: Condition, index: int, given: np.ndarray) -> None:
+    def _put_joint(self, tile: int, condition: Condition, index: int, members: np.ndarray) -> None:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
         places = {name: k for k, name in enumerate(self.quantities)}
-        met = np.ones((self.side**2, len(given)), bool)
+        met = np.ones((self.side**2, len(members)), bool)
         for name, limit in condition.items():
             met &= self.store.values_of(tile, places[name]) >= np.float32(limit)
         unsorted, one = met.astype(np.float32), np.ones(1, np.float32)
-        spread = self.estimator.spread(unsorted, given, len(self.weights), one)
-        values = CellValues(unsorted, given, self.weights)
+        spread = self.estimator.spread(unsorted, members, len(self.weights), one)
+        values = CellValues(unsorted, members, self.weights)
         self._put_exceedance(tile, "joint", index, values, one[0], None if spread is None else spread[0])
 
     def _put_exceedance(
@@ -244,8 +244,8 @@ class _Maps:
     def _cells(self, tile: int, name: str) -> np.ndarray:
         """Values of a map in the cells of a tile (cells,); 0 beyond the raster."""
         cells = np.zeros((self.side, self.side), np.float32)
-        found = self.maps[name][self._place_of(tile)]
-        cells[: found.shape[0], : found.shape[1]] = found
+        part = self.maps[name][self._place_of(tile)]
+        cells[: part.shape[0], : part.shape[1]] = part
         return cells.ravel()
 
     def _place_of(self, tile: int) -> tuple[slice, slice]:
@@ -276,7 +276,7 @@ class _Maps:
         layers[..., cells] = np.nan if target.dtype.kind == "f" else VARIABLES[product].fill
 
     def _add_mean_error(self, name: str) -> None:
-        """Root mean square of the standard errors of each threshold, and how they were found."""
+        """Root mean square of the standard errors of each threshold, and their estimator."""
         error_name, probability_name = (f"{name}_exceedance_{kind}" for kind in ("standard_error", "probability"))
         if error_name not in self.maps:
             return

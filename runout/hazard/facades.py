@@ -50,10 +50,10 @@ class FacadeRecords:
             If the file has no forces, or those of other facades.
         """
         series = netcdf.read(path, GROUP)
-        held = series[list(FACADE)]
-        if self.facades is not None and not held.equals(self.facades):
+        facades = series[list(FACADE)]
+        if self.facades is not None and not facades.equals(self.facades):
             raise StorageError(f"{path}: its structures are not those of the other members; remove it and run again")
-        self.facades = held
+        self.facades = facades
         self.lengths.append(series.sizes["record"])
         for name, values in maxima_of(series).items():
             self.maxima.setdefault(name, []).append(values)
@@ -77,26 +77,26 @@ def facade_dataset(records: FacadeRecords, ensemble: Ensemble, percentiles: Sequ
     percentiles : sequence of float
         [%]
     thresholds : sequence of float
-        Of the mean pressure on a facade [Pa].
+        Thresholds of the mean pressure on a facade [Pa].
     """
     assert records.facades is not None  # the ensemble has valid members
-    found, places = records.facades.copy(), [k for k, m in enumerate(ensemble.table.index) if m in ensemble.files]
-    found = found.assign_coords(
+    dataset, places = records.facades.copy(), [k for k, m in enumerate(ensemble.table.index) if m in ensemble.files]
+    dataset = dataset.assign_coords(
         realization=ensemble.table.index.to_numpy(np.int32), percentile=list(map(float, percentiles)),
         pressure_threshold=list(map(float, thresholds)),
     )  # fmt: skip
     for name, rows in records.maxima.items():
         every = np.full((len(ensemble.table), len(rows[0])), np.nan)
         every[places] = rows
-        found[name] = (("realization", "facade"), every)
+        dataset[name] = (("realization", "facade"), every)
         if name in MAXIMA:
             over = weighted_percentiles(np.array(rows), ensemble.weights, percentiles)
-            found[f"{name[len('max_') :]}_at_percentile"] = (("percentile", "facade"), over)
+            dataset[f"{name[len('max_') :]}_at_percentile"] = (("percentile", "facade"), over)
     pressure = np.array(records.maxima["max_facade_pressure"])
     reached = [ensemble.weights @ (pressure >= threshold) for threshold in thresholds]
     chance = np.array(reached).reshape(len(thresholds), pressure.shape[1])  # there may be no threshold
-    found["facade_pressure_probability"] = (("facade", "pressure_threshold"), chance.T)
-    return found
+    dataset["facade_pressure_probability"] = (("facade", "pressure_threshold"), chance.T)
+    return dataset
 
 
 def write_facades(dataset: "xr.Dataset", lengths: Sequence[int], ensemble: Ensemble, path: Path) -> Path:
@@ -120,9 +120,9 @@ def write_facades(dataset: "xr.Dataset", lengths: Sequence[int], ensemble: Ensem
 
 def _stack(file: Any, name: str, dims: tuple[str, ...]) -> Any:
     """A new variable of the series, missing where a member has no further records."""
-    made = file.createVariable(name, "f4" if len(dims) > 2 else "f8", dims, zlib=True, complevel=1, fill_value=FILL)
-    made.setncatts(VARIABLES[name].attributes())
-    return made
+    variable = file.createVariable(name, "f4" if len(dims) > 2 else "f8", dims, zlib=True, complevel=1, fill_value=FILL)
+    variable.setncatts(VARIABLES[name].attributes())
+    return variable
 
 
 def overtopping(areas: Mapping[str, np.ndarray], ensemble: Ensemble, percentiles: Sequence[float], least: float) -> Any:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.map_quantities import QUANTITIES
+from runout.quantities import QUANTITIES
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:

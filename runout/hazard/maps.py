@@ -11,7 +11,7 @@ from runout.hazard.joint import conditions_of
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
-from runout.map_quantities import (
+from runout.quantities import (
     ARRIVAL_PERCENTILE,
     DEPOSIT,
     FIRST_ARRIVAL,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """The planned members of an ensemble and what became of them.
+    """Planned members of an ensemble, with the files of the valid ones and the reasons of the failed ones.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ def scored(
         factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
         change = elevation_change(flow.maps["deposit"], removed(releases, factor))
         means.add(flow, change, float(weight), observed, setting.thresholds)
-        found = against_observations(flow, observed, setting, change)
-        members[str(member)] = [score.stored() for score in found.scores]
+        assessment = against_observations(flow, observed, setting, change)
+        members[str(member)] = [score.stored() for score in assessment.scores]
     whole = Flow(observed.grid, {"deposit": means.maps["deposit"]}, means.probabilities, OUTLINE_PROBABILITY)
     total = against_observations(whole, observed, setting, means.maps["change"], means.medians(ensemble.weights))
     return Observed(_record(observed, total, members, setting), dict(_maps(observed, means, terrain)))

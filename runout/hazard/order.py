@@ -46,22 +46,22 @@ def equal(weights: np.ndarray) -> bool:
 class CellValues:
     """Values of the members in some cells, none below 0; cells of which a value is NaN have no meaning.
 
-    The members that are not given have ``absent``, the least or the largest possible value.
+    The members that have no values here count as ``absent``, the least or the largest possible value.
 
     Parameters
     ----------
-    values : ndarray (cells, members that are given)
+    values : ndarray (cells, members with values)
         float32; sorted in place where the weights are equal.
-    given : ndarray (members that are given,)
+    members : ndarray (members with values,)
         Their numbers.
     weights : ndarray (members,)
-        Of all members, of sum 1.
+        Weights of all members; their sum is 1.
     absent : float
         0, or infinity for a time that never comes; then only :meth:`percentiles` has a meaning.
     """
 
     values: np.ndarray
-    given: np.ndarray
+    members: np.ndarray
     weights: np.ndarray
     absent: float = 0.0
 
@@ -76,8 +76,8 @@ class CellValues:
 
     @property
     def others(self) -> int:
-        """Number of the members that are not given."""
-        return len(self.weights) - len(self.given)
+        """Number of the members without values."""
+        return len(self.weights) - len(self.members)
 
     @cached_property
     def peak(self) -> np.ndarray:
@@ -94,13 +94,13 @@ class CellValues:
         """Percentiles (k, cells) as :func:`weighted_percentiles` has them."""
         if not self.alike:
             nothing = np.full((1, len(self.values)), self.absent, self.values.dtype)
-            weights = np.concatenate([[np.delete(self.weights, self.given).sum()], self.weights[self.given]])
+            weights = np.concatenate([[np.delete(self.weights, self.members).sum()], self.weights[self.members]])
             return weighted_percentiles(np.concatenate([nothing, self.values.T]), weights, percentiles)
         reached = np.cumsum(self.weights)
         below = 0 if self.absent > 0 else self.others
         ranks = [int(np.argmax(reached >= q / 100.0 - _ROUNDING)) - below for q in percentiles]
-        absent, given = np.full_like(self.peak, self.absent), range(len(self.given))
-        return np.stack([self.values[:, rank] if rank in given else absent for rank in ranks])
+        absent, ranks_of_members = np.full_like(self.peak, self.absent), range(len(self.members))
+        return np.stack([self.values[:, rank] if rank in ranks_of_members else absent for rank in ranks])
 
     def count(self, limit: np.floating) -> np.ndarray:
         """Number of the members that reach ``limit`` (cells,)."""
@@ -113,12 +113,12 @@ class CellValues:
         """Summed weight of the members that reach ``limit`` (cells,)."""
         if self.alike:
             return self.count(limit) / len(self.weights)
-        others = np.delete(self.weights, self.given).sum() if limit <= 0 else 0.0
+        others = np.delete(self.weights, self.members).sum() if limit <= 0 else 0.0
         return np.clip(self._weight_of(self.values >= limit) + others, 0.0, 1.0)
 
     def _weight_of(self, values: np.ndarray) -> np.ndarray:
         """Sum of the members' values times their weights, one after another, so that members with 0 change no bit of it."""
-        weights, cells = self.weights[self.given], max(1, _SUMMED // len(self.given))
+        weights, cells = self.weights[self.members], max(1, _SUMMED // len(self.members))
         sums = np.empty(len(values))
         for first in range(0, len(values), cells):
             weighted = values[first : first + cells] * weights

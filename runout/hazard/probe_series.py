@@ -10,7 +10,7 @@ from runout.errors import StorageError
 from runout.hazard.order import normalised, weighted_percentiles
 from runout.io import netcdf
 from runout.io.probe_files import PERCENTILE, POINTS, SECTIONS, STATION, TIME, add_values
-from runout.map_quantities import ARRIVAL
+from runout.quantities import ARRIVAL
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -27,10 +27,10 @@ def member_series(path: Path) -> "dict[str, xr.Dataset]":
     StorageError
         If the file holds none, or cannot be read.
     """
-    held = _groups(path)
-    if not held:
+    groups = _groups(path)
+    if not groups:
         raise StorageError(f"{path}: holds no series of probes; run the member again with probes")
-    return {group: netcdf.read(path, group) for group in held}
+    return {group: netcdf.read(path, group) for group in groups}
 
 
 def ensemble_series(
@@ -91,8 +91,8 @@ def _aggregated(
         stacked: np.ndarray = np.stack([one[name] for one in several])
         if name == ARRIVAL:
             add_values(dataset, "arrival_probability", (np.isfinite(stacked) * weights[:, None]).sum(axis=0).clip(0, 1), (STATION,))
-        found = percentiles_of(stacked, weights, percentiles)
-        add_values(dataset, name, found, (PERCENTILE, *first[name].dims))  # type: ignore[arg-type]
+        over_members = percentiles_of(stacked, weights, percentiles)
+        add_values(dataset, name, over_members, (PERCENTILE, *first[name].dims))  # type: ignore[arg-type]
         dataset[name].attrs["long_name"] = f"percentile over the members of the {VARIABLES[name].long_name}"
     return dataset.assign_attrs(members=len(several))
 
@@ -100,5 +100,5 @@ def _aggregated(
 def percentiles_of(values: np.ndarray, weights: np.ndarray, percentiles: Sequence[float]) -> np.ndarray:
     """Percentiles (k, ...) over the first axis of values (members, ...); NaN counts as infinity, as a time that never comes."""
     filled = np.where(np.isnan(values), np.inf, values).reshape(len(values), -1)
-    found = weighted_percentiles(filled, weights, percentiles)
-    return np.where(np.isinf(found), np.nan, found).reshape(len(percentiles), *values.shape[1:])  # type: ignore[no-any-return]
+    over_members = weighted_percentiles(filled, weights, percentiles)
+    return np.where(np.isinf(over_members), np.nan, over_members).reshape(len(percentiles), *values.shape[1:])  # type: ignore[no-any-return]

@@ -131,8 +131,8 @@ def _relief(hazard: "xr.Dataset", terrain: Terrain, origin: Mapping[str, Any]) -
     """Entry of ``run.json`` on the relief of the ground that members reached, at their largest speeds there."""
     reached = hazard["members_reached"].values > 0
     speed = float(np.sqrt(np.mean(np.square(hazard["peak_speed"].values[reached])))) if reached.any() else 0.0
-    found = of_ground(terrain, _spacing(origin), reached, speed)
-    return {"relief": found.record()} if found else {}
+    relief = of_ground(terrain, _spacing(origin), reached, speed)
+    return {"relief": relief.record()} if relief else {}
 
 
 def _spacing(origin: Mapping[str, Any]) -> tuple[float, float]:
@@ -188,10 +188,10 @@ def _score(
     hazard: "xr.Dataset",
 ) -> dict[str, Any]:
     """Scores for ``run.json``, after adding the maps of observations to the dataset."""
-    found = scored(observed, site, ensemble, terrain, releases, results)
-    for name, values in found.maps.items():
+    observed_maps = scored(observed, site, ensemble, terrain, releases, results)
+    for name, values in observed_maps.maps.items():
         netcdf.add_map(hazard, name, values)
-    return found.record
+    return observed_maps.record
 
 
 def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:
@@ -208,8 +208,8 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
     zones = site.files.zones()
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
-    stated = stated_metadata(site)
-    origin |= {"metadata": stated} if stated else {}
+    study = stated_metadata(site)
+    origin |= {"metadata": study} if study else {}
     origin["releases"] = {"masses": [record(release) for release in releases], "start": list(start_sentences(releases))}
     state |= {"growth": ensemble.growth} if ensemble.growth else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
@@ -242,8 +242,8 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
 
 def stated_metadata(site: "Site") -> dict[str, str]:
     """What site.yaml says under ``metadata``; empty where it says nothing."""
-    stated = site.settings.metadata
-    return stated.model_dump(exclude_none=True) if stated else {}
+    settings = site.settings.metadata
+    return settings.model_dump(exclude_none=True) if settings else {}
 
 
 def _write_origin(origin: Mapping[str, Any], products: Iterable[Path], results: Path) -> Path:

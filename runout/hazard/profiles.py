@@ -11,9 +11,9 @@ from runout.hazard.order import normalised
 from runout.hazard.probe_series import PERCENTILES, percentiles_of
 from runout.io.member_maps import MemberMaps
 from runout.io.probe_files import PERCENTILE, place_coordinates
-from runout.map_quantities import ARRIVAL
 from runout.model.probes import CrossSection, cell_of, ground_at
 from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -82,8 +82,9 @@ class ProfileLine:
 
 def member_profiles(path: Path, lines: Sequence[CrossSection], terrain: Terrain, excavated: np.ndarray) -> "list[xr.Dataset]":
     """A profile along each line, of the member in a file; ``excavated`` (rows, columns) [m] is what its releases take away."""
-    wanted = [ProfileLine.of(line, terrain, excavated) for line in lines]
-    return [_dataset(line, terrain, values) for line, (values,) in zip(wanted, _values([path], wanted, terrain), strict=True)]
+    profile_lines = [ProfileLine.of(line, terrain, excavated) for line in lines]
+    along = _values([path], profile_lines, terrain)
+    return [_dataset(line, terrain, values) for line, (values,) in zip(profile_lines, along, strict=True)]
 
 
 def ensemble_profiles(
@@ -101,16 +102,18 @@ def ensemble_profiles(
     away. No member has a profile of percentiles: the attribute ``median_front`` is the position in ``files`` of the member whose
     front along the line is the median.
     """
-    w, wanted, found = normalised(weights, len(files)), [ProfileLine.of(line, terrain, excavated) for line in lines], []
-    for line, members in zip(wanted, _values(files, wanted, terrain), strict=True):
+    profile_lines, profiles = [ProfileLine.of(line, terrain, excavated) for line in lines], []
+    shares = normalised(weights, len(files))
+    for line, members in zip(profile_lines, _values(files, profile_lines, terrain), strict=True):
         values = {}
         for name in members[0]:
             stacked = np.stack([member[name] for member in members])
-            values[name] = percentiles_of(stacked, w, percentiles)
-        values["arrival_probability"] = ((np.stack([m[ARRIVAL] for m in members]) >= 0.0) * w[:, None]).sum(axis=0).clip(0.0, 1.0)
-        of_all = {"members": len(files), "median_front": _median_front(line, members, w)}
-        found.append(_dataset(line, terrain, values, percentiles).assign_attrs(of_all))
-    return found
+            values[name] = percentiles_of(stacked, shares, percentiles)
+        arrived = np.stack([m[ARRIVAL] for m in members]) >= 0.0
+        values["arrival_probability"] = (arrived * shares[:, None]).sum(axis=0).clip(0.0, 1.0)
+        of_all = {"members": len(files), "median_front": _median_front(line, members, shares)}
+        profiles.append(_dataset(line, terrain, values, percentiles).assign_attrs(of_all))
+    return profiles
 
 
 def _median_front(line: ProfileLine, members: Sequence[Mapping[str, np.ndarray]], weights: np.ndarray) -> int:
@@ -122,14 +125,14 @@ def _median_front(line: ProfileLine, members: Sequence[Mapping[str, np.ndarray]]
 
 def _values(files: Sequence[Path], lines: list[ProfileLine], terrain: Terrain) -> list[list[dict[str, np.ndarray]]]:
     """Values along each line of each member."""
-    found: list[list[dict[str, np.ndarray]]] = [[] for _ in lines]
+    by_line: list[list[dict[str, np.ndarray]]] = [[] for _ in lines]
     grid = _grid(terrain)
     for path in files:
         with MemberMaps(path) as member:
             member.require_grid(grid, terrain.source)
-            for line, values in zip(lines, found, strict=True):
-                values.append(line.read(member, member.held()))
-    return found
+            for line, by_member in zip(lines, by_line, strict=True):
+                by_member.append(line.read(member, member.held()))
+    return by_line
 
 
 def _grid(terrain: Terrain) -> "xr.Dataset":
@@ -151,10 +154,10 @@ def _dataset(
         coordinates[PERCENTILE] = (PERCENTILE, np.array(percentiles, float))
     dataset = xr.Dataset(coords=coordinates, attrs={"line": line.name})
     known = np.isfinite(terrain.elevation[line.cells])
-    for name, found in {"ground_elevation": line.ground, "bed_elevation": line.bed, **values}.items():
+    for name, along_line in {"ground_elevation": line.ground, "bed_elevation": line.bed, **values}.items():
         variable = VARIABLES[name]
-        dims = (PERCENTILE, DISTANCE)[2 - found.ndim :]
-        dataset[name] = (dims, np.where(known, found, np.nan).astype(variable.dtype), variable.attributes())
+        dims = (PERCENTILE, DISTANCE)[2 - along_line.ndim :]
+        dataset[name] = (dims, np.where(known, along_line, np.nan).astype(variable.dtype), variable.attributes())
         dataset[name].encoding |= {"coordinates": "x y"} | ({"grid_mapping": "crs"} if "crs" in dataset.coords else {})
         if PERCENTILE in dims:
             dataset[name].attrs["long_name"] = f"percentile over the members of the {variable.long_name}"

@@ -19,7 +19,7 @@ BLOCKS = 4
 
 @dataclass(frozen=True)
 class Estimator:
-    """How the standard error of a probability P is found.
+    """Estimator of the standard error of a probability P.
 
     Consecutive blocks of a Sobol net are nets themselves, so the spread of their probabilities P_b contains what the even cover
     of the parameters gains: s^2 = sum((P_b - P)^2) / (B (B - 1)) over B blocks. Since the whole net is more even than its blocks
@@ -55,24 +55,24 @@ class Estimator:
             return f"spread of the probabilities P_b over {part}: sqrt(sum((P_b - P)^2) / {self.blocks * (self.blocks - 1)})"
         return f"sqrt(P (1 - P) / effective_sample_size), as for independent members: {self.reason}"
 
-    def spread(self, values: np.ndarray, given: np.ndarray, members: int, limits: np.ndarray) -> np.ndarray | None:
+    def spread(self, values: np.ndarray, members: np.ndarray, ensemble_size: int, limits: np.ndarray) -> np.ndarray | None:
         """Standard errors (limits, cells) from blocks; None if there are no blocks.
 
         Parameters
         ----------
-        values : ndarray (cells, members that are given)
+        values : ndarray (cells, members with values)
             In ascending order of the members; the others have 0.
-        given : ndarray (members that are given,)
+        members : ndarray (members with values,)
             Their numbers.
-        members : int
+        ensemble_size : int
             Number of all members, a multiple of the number of blocks.
         limits : ndarray (limits,)
             Thresholds.
         """
         if not self.blocks:
             return None
-        size = members // self.blocks
-        ends = np.searchsorted(given, size * np.arange(self.blocks + 1))
+        size = ensemble_size // self.blocks
+        ends = np.searchsorted(members, size * np.arange(self.blocks + 1))
         errors = np.zeros((len(limits), len(values)))
         for k, limit in enumerate(limits):
             if limit > 0:  # else all members reach it

@@ -63,25 +63,25 @@ def write_structures(
     records = FacadeRecords()
     for member in ensemble.files.values():
         records.add(member)
-    found = facade_dataset(records, ensemble, settings.percentiles, settings.pressure_thresholds)
+    dataset = facade_dataset(records, ensemble, settings.percentiles, settings.pressure_thresholds)
     areas = site.files.protected_areas()
     if areas:
         least = site.settings.simulation.arrival_threshold * terrain.cell_area
-        found = found.merge(overtopping(areas, ensemble, settings.percentiles, least))
-    named = {key: value for key, value in attrs.items() if key not in study_attributes({})}
-    found = found.assign_attrs({"Conventions": "CF-1.11", "title": f"{site.name}: forces on structures"} | named)
-    write_facades(found, records.lengths, ensemble, path)
-    return StructureProducts((path,), _layers(bodies.solids, found, terrain), bodies.changes)
+        dataset = dataset.merge(overtopping(areas, ensemble, settings.percentiles, least))
+    attributes = {key: value for key, value in attrs.items() if key not in study_attributes({})}
+    dataset = dataset.assign_attrs({"Conventions": "CF-1.11", "title": f"{site.name}: forces on structures"} | attributes)
+    write_facades(dataset, records.lengths, ensemble, path)
+    return StructureProducts((path,), _layers(bodies.solids, dataset, terrain), bodies.changes)
 
 
-def _layers(solids: "Sequence[Solid]", found: "xr.Dataset", terrain: Terrain) -> dict[str, tuple[str, list[dict[str, Any]]]]:
+def _layers(solids: "Sequence[Solid]", dataset: "xr.Dataset", terrain: Terrain) -> dict[str, tuple[str, list[dict[str, Any]]]]:
     """Rows of the layers: outlines of structures, and lines of facades, each with its largest values."""
     from runout.structures.outlines import facade_lines, footprint
 
     of_structure, facades = {solid.name: solid for solid in solids}, []
-    for k, (owner, name) in enumerate(zip(found["structure_name"].values, found["facade_name"].values, strict=True)):
+    for k, (owner, name) in enumerate(zip(dataset["structure_name"].values, dataset["facade_name"].values, strict=True)):
         solid = of_structure[str(owner)]
-        columns = {"structure": str(owner), "facade": str(name), **_columns(found.isel(facade=k))}
+        columns = {"structure": str(owner), "facade": str(name), **_columns(dataset.isel(facade=k))}
         facades.append({**columns, "geometry": facade_lines(solid, solid.facades.index(str(name)), terrain)})
     outlines = [_outline_row(name, solid, facades, footprint(solid, terrain)) for name, solid in of_structure.items()]
     return {"structures": (LAYERS["structures"], outlines), "facades": (LAYERS["facades"], facades)}

@@ -37,8 +37,8 @@ def reached_tiles(layers: Sequence[np.ndarray], side: int) -> tuple[np.ndarray, 
     row, column, down, across = rows.min(), columns.min(), np.ptp(rows) + 1, np.ptp(columns) + 1
     values = np.zeros((len(layers), down * side, across * side), _VALUE)
     for layer, target in zip(layers, values, strict=True):
-        found = layer[row * side : (row + down) * side, column * side : (column + across) * side]
-        target[: found.shape[0], : found.shape[1]] = found
+        reached_part = layer[row * side : (row + down) * side, column * side : (column + across) * side]
+        target[: reached_part.shape[0], : reached_part.shape[1]] = reached_part
     tiles = values.reshape(-1, down, side, across, side)[:, rows - row, :, columns - column, :]
     return rows, columns, tiles.reshape(len(rows), len(layers), side**2)
 
@@ -52,7 +52,7 @@ class TileStore:
     Parameters
     ----------
     folder : Path
-        Where the file goes.
+        Folder of the file.
     maps : int
         Number of maps.
     cells : int
@@ -87,8 +87,8 @@ class TileStore:
         done = 0
         while done < len(tiles):
             count = min(len(tiles) - done, len(self.tiles) - self.used)
-            place, taken = slice(self.used, self.used + count), slice(done, done + count)
-            self.tiles[place], self.members[place], self.values[place] = tiles[taken], member, values[taken]
+            place, rows = slice(self.used, self.used + count), slice(done, done + count)
+            self.tiles[place], self.members[place], self.values[place] = tiles[rows], member, values[rows]
             self.used, done = self.used + count, done + count
             if self.used == len(self.tiles):
                 self._flush()

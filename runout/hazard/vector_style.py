@@ -37,8 +37,8 @@ def categories(
     renderer = SubElement(root, "renderer-v2", type="categorizedSymbol", attr=attribute, **_RENDERER)
     listed, symbols = SubElement(renderer, "categories"), SubElement(renderer, "symbols")
     for k, (value, words, symbol) in enumerate(shown):
-        stated, form = (value, "string") if isinstance(value, str) else (f"{value:g}", "double")
-        SubElement(listed, "category", value=stated, symbol=str(k), label=words, render="true", type=form)
+        text, form = (value, "string") if isinstance(value, str) else (f"{value:g}", "double")
+        SubElement(listed, "category", value=text, symbol=str(k), label=words, render="true", type=form)
         _symbol(symbols, str(k), kind, symbol)
     if label:
         _labels(root, label, colour, kind)
@@ -61,11 +61,11 @@ def _root(labels: bool) -> Element:
     return Element("qgis", version="3.22.0", styleCategories="Symbology|Labeling", labelsEnabled=str(int(labels)))
 
 
-def _symbol(parent: Element, name: str, kind: str, stated: dict[str, str]) -> None:
+def _symbol(parent: Element, name: str, kind: str, own: dict[str, str]) -> None:
     symbol = SubElement(parent, "symbol", type=kind, name=name, alpha="1", clip_to_extent="1", force_rhr="0")
     layer = SubElement(symbol, "layer", {"class": _LAYERS[kind], "enabled": "1", "locked": "0", "pass": "0"})
     options = SubElement(layer, "Option", type="Map")
-    for key, value in (_DEFAULTS[kind] | stated).items():
+    for key, value in (_DEFAULTS[kind] | own).items():
         shown = _rgb(value) if "color" in key else value
         SubElement(options, "Option", type="QString", name=key, value=shown)
 

@@ -6,15 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import InputError
+from runout.io.regular import KINDS
 
 SITE_FILE = "site.yaml"
 LARGEST_TEXT = 64 * 1024 * 1024  # largest input that is parsed as a whole [bytes]
-KINDS = {
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-}
 
 
 def require_regular(path: Path, error: type[InputError]) -> Path:
@@ -25,7 +20,7 @@ def require_regular(path: Path, error: type[InputError]) -> Path:
     Raises
     ------
     InputError
-        Of the given kind, with the remedy.
+        Of the kind ``error``, with the remedy.
     """
     absolute = Path(os.path.abspath(path))
     if str(absolute).startswith("/vsi"):
@@ -49,14 +44,6 @@ def side_files(path: Path) -> list[Path]:
     if path.is_dir():
         return sorted(path / other for other in names)
     return sorted(path.with_name(n) for n in names if n != path.name and n.lower().startswith((stem, name)))
-
-
-def kind_of(path: Path) -> str | None:
-    """Kind of a special file, such as a named pipe; None for regular files, folders and missing files."""
-    try:
-        return KINDS.get(stat.S_IFMT(path.stat().st_mode))
-    except (OSError, ValueError):
-        return None
 
 
 def as_path(path: Any, error: type[InputError]) -> Path:

@@ -76,9 +76,9 @@ def system_of(dataset: Any, variable: Any, axes: tuple[str, str], metres: float 
     attributes = {str(key): _plain(value) for key, value in dataset.variables[name].attrs.items()}
     attributes |= {key: str(attributes[key]) for key in ("grid_mapping_name",) if key in attributes}
     source = f"{text}: grid mapping {name!r}"
-    stated = next((attributes[key] for key in TEXTS if attributes.get(key) not in (None, "")), None)
-    if stated is not None:
-        crs = parse(_as_code(stated), text)
+    system = next((attributes[key] for key in TEXTS if attributes.get(key) not in (None, "")), None)
+    if system is not None:
+        crs = parse(_as_code(system), text)
         _require_same_numbers(crs, attributes, metres, source)
         return CfSystem(crs, attributes)
     if "grid_mapping_name" not in attributes:
@@ -90,13 +90,13 @@ def system_of(dataset: Any, variable: Any, axes: tuple[str, str], metres: float 
 
 def _mapping_name(dataset: Any, variable: Any, axes: tuple[str, str], text: str) -> str | None:
     """Name of the grid mapping of the axes: ``crs``, or of the extended form ``crs: x y other: lat lon``; None if there is none."""
-    stated = str(variable.attrs.get("grid_mapping") or variable.encoding.get("grid_mapping") or "").split()
-    if not stated:
+    words = str(variable.attrs.get("grid_mapping") or variable.encoding.get("grid_mapping") or "").split()
+    if not words:
         marks = ("grid_mapping_name", "crs_wkt", "spatial_ref")
         alone = [str(n) for n, v in dataset.variables.items() if v.ndim == 0 and any(mark in v.attrs for mark in marks)]
         return alone[0] if len(alone) == 1 else None
     coordinates: dict[str, list[str]] = {}
-    for word in stated:
+    for word in words:
         if word.endswith(":") or not coordinates:
             coordinates[last := word.removesuffix(":")] = []
         else:
@@ -117,9 +117,9 @@ def _plain(value: Any) -> Any:
     return value[0] if isinstance(value, list) and len(value) == 1 else value
 
 
-def _as_code(stated: Any) -> Any:
+def _as_code(system: Any) -> Any:
     """A system as pyproj reads it: the number of a code gets its authority."""
-    word = str(int(stated)) if isinstance(stated, float) and stated.is_integer() else str(stated).strip()
+    word = str(int(system)) if isinstance(system, float) and system.is_integer() else str(system).strip()
     return f"EPSG:{word}" if word.isdigit() else word
 
 
@@ -184,20 +184,20 @@ def _with_known_datum(attributes: Attributes, source: str) -> tuple[Attributes, 
     from pyproj.crs import Datum
     from pyproj.exceptions import CRSError
 
-    stated = str(attributes.get("horizontal_datum_name", "")).strip()
+    datum = str(attributes.get("horizontal_datum_name", "")).strip()
     others = {key: value for key, value in attributes.items() if key != "horizontal_datum_name"}
     has_figure = any(key in others for key in FIGURE) or str(others.get("reference_ellipsoid_name", "")) not in UNKNOWN
-    if stated.lower() in UNKNOWN:
+    if datum.lower() in UNKNOWN:
         named = str(others.get("geographic_crs_name", "")).lower() not in UNKNOWN
         return others, () if named or has_figure else ("its grid mapping names no datum; taken as WGS 84",)
-    for spelling in (stated, stated.replace("_", " "), f"D_{stated}"):  # as EPSG, GDAL and Esri write it
+    for spelling in (datum, datum.replace("_", " "), f"D_{datum}"):  # as EPSG, GDAL and Esri write it
         try:
             return others | {"horizontal_datum_name": Datum.from_name(spelling).name}, ()
         except CRSError:
             continue
     if not has_figure:
-        raise DemError(f"{source} names the datum {stated!r}, which PROJ does not know, and no ellipsoid; {REMEDY}")
-    return others, (f"the datum {stated!r} of its grid mapping is not known to PROJ; only its ellipsoid counts",)
+        raise DemError(f"{source} names the datum {datum!r}, which PROJ does not know, and no ellipsoid; {REMEDY}")
+    return others, (f"the datum {datum!r} of its grid mapping is not known to PROJ; only its ellipsoid counts",)
 
 
 def _horizontal_parts(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -213,13 +213,13 @@ def _require_used(attributes: Attributes, read: set[str], source: str) -> None:
     kind = attributes["grid_mapping_name"]
     if kind == "vertical_perspective":
         read = read - set(LENGTHS)  # PROJ has none for it
-    stated = {key: attributes[key] for key in PARAMETERS if key in attributes and key not in read}
+    unused = {key: attributes[key] for key in PARAMETERS if key in attributes and key not in read}
     if kind == "polar_stereographic":
-        pole = float(stated.pop("latitude_of_projection_origin", 0.0) or 0.0)
+        pole = float(unused.pop("latitude_of_projection_origin", 0.0) or 0.0)
         parallel = float(attributes.get("standard_parallel") or 0.0)
         if pole * parallel < 0:
             raise DemError(f"{source} states the pole {pole:g} and the standard_parallel {parallel:g} of the other; correct one")
-    for key, value in stated.items():
+    for key, value in unused.items():
         neutral = 1.0 if key.startswith("scale_factor") else 0.0
         if not np.array_equal(np.asarray(value, dtype=np.float64), np.full(np.shape(value), neutral)):
             raise DemError(f"{source} is {kind}, which does not use its attribute {key} = {value}; {REMEDY}")
@@ -231,8 +231,8 @@ def _require_same_figure(crs: Any, attributes: Attributes, source: str) -> None:
     if ellipsoid is None:
         return
     axes = {"semi_major_axis": ellipsoid.semi_major_metre, "semi_minor_axis": ellipsoid.semi_minor_metre}
-    held = axes | {"earth_radius": ellipsoid.semi_major_metre, "longitude_of_prime_meridian": degrees_of_prime_meridian(crs)}
-    _require_equal(crs, attributes, held, source)
+    figure = axes | {"earth_radius": ellipsoid.semi_major_metre, "longitude_of_prime_meridian": degrees_of_prime_meridian(crs)}
+    _require_equal(crs, attributes, figure, source)
 
 
 def _require_same_numbers(crs: Any, attributes: Attributes, metres: float | None, source: str) -> None:
@@ -244,23 +244,23 @@ def _require_same_numbers(crs: Any, attributes: Attributes, metres: float | None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
-            held = flat.to_cf()
+            numbers = flat.to_cf()
         except KeyError:  # pyproj does not write each projection that it reads
             return
-    if held.get("grid_mapping_name") != attributes.get("grid_mapping_name"):
+    if numbers.get("grid_mapping_name") != attributes.get("grid_mapping_name"):
         return
     skipped = () if metres == 1.0 and metres_per_unit(flat) == 1.0 else LENGTHS
-    _require_equal(crs, attributes, {key: held[key] for key in PARAMETERS if key in held and key not in skipped}, source)
+    _require_equal(crs, attributes, {key: numbers[key] for key in PARAMETERS if key in numbers and key not in skipped}, source)
 
 
-def _require_equal(crs: Any, attributes: Attributes, held: Mapping[str, Any], source: str) -> None:
-    for key, value in held.items():
-        stated = attributes.get(key)
-        if not isinstance(stated, int | float | list) or isinstance(stated, bool):
+def _require_equal(crs: Any, attributes: Attributes, numbers: Mapping[str, Any], source: str) -> None:
+    for key, value in numbers.items():
+        attribute = attributes.get(key)
+        if not isinstance(attribute, int | float | list) or isinstance(attribute, bool):
             continue
-        one, other = (np.atleast_1d(np.asarray(number, dtype=np.float64)) for number in (stated, value))
+        one, other = (np.atleast_1d(np.asarray(number, dtype=np.float64)) for number in (attribute, value))
         turn = 360.0 if "longitude" in key else math.inf
         apart = np.abs(one - other) if one.shape == other.shape else np.zeros(1)
         if (np.minimum(apart, np.abs(turn - apart)) > AGREE * np.maximum(np.abs(other).max(), 1.0)).any():
-            reason = f"{source} states {key} = {stated}, but its system {crs.name} has {value}"
+            reason = f"{source} states {key} = {attribute}, but its system {crs.name} has {value}"
             raise DemError(f"{reason}; correct one of them, or remove the attribute")

@@ -97,8 +97,8 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     units = [_unit_of(coordinate, text) for coordinate in (x, y)]
     kinds = {unit.is_angle for unit in units if unit}
     lengths = [unit.factor for unit in units if unit and not unit.is_angle]
-    stated = system_of(dataset, variable, (str(x.name), str(y.name)), lengths[0] if lengths else None, text)
-    system, assumption = stated.crs, "; ".join(stated.sentences)
+    cf_system = system_of(dataset, variable, (str(x.name), str(y.name)), lengths[0] if lengths else None, text)
+    system, assumption = cf_system.crs, "; ".join(cf_system.sentences)
     if system is None and True in kinds:
         system, assumption = parse("EPSG:4326", text), "coordinates are degrees of an unnamed datum; taken as WGS 84"
     factors = [_factor(coordinate, unit, system, text) for coordinate, unit in zip((x, y), units, strict=True)]
@@ -111,23 +111,23 @@ def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
         if unit and factor not in (1.0, -1.0):
             to = "metres" if system is None else horizontal(system).axis_info[0].unit_name
             sentences.append(f"coordinate {coordinate.name} was in {unit.word}; multiplied by {factor:.10g} ({to})")
-        first, step, said = _edge_and_step(dataset, coordinate, text)
+        first, step, notes = _edge_and_step(dataset, coordinate, text)
         edges.append((first * factor, step * factor))
-        sentences += said
+        sentences += notes
     (west, dx), (north, dy) = edges
     transform = (dx, 0.0, west, 0.0, dy, north)
     require_usable(transform, text, DemError)
     shape = (y.size, x.size)
     coarseness = max(_resolution(x), _resolution(y)) * abs(factors[0])
-    transform, differing = _with_geo_transform(transform, shape, stated, coarseness)
-    _require_on_map(system, transform, shape, stated, text)
+    transform, differing = _with_geo_transform(transform, shape, cf_system, coarseness)
+    _require_on_map(system, transform, shape, cf_system, text)
     return CfGrid(str(x.name), str(y.name), transform, system, assumption, (*sentences, *differing))
 
 
 def directions(variable: Any) -> dict[str, str]:
     """Name of the coordinate variable of each direction, "x" and "y", that a variable has."""
-    found = {_direction(variable.coords[d]): str(d) for d in variable.dims if d in variable.coords}
-    return {direction: name for direction, name in found.items() if direction}
+    names = {_direction(variable.coords[d]): str(d) for d in variable.dims if d in variable.coords}
+    return {direction: name for direction, name in names.items() if direction}
 
 
 def is_position(variable: Any) -> bool:
@@ -178,8 +178,8 @@ def _remedy_of_axes(variable: Any, text: str) -> str:
     for dimension in (d for d in variable.dims if d in variable.coords):
         clues = _direction_clues(variable.coords[dimension])
         if len(set(clues.values())) > 1:
-            told = ", ".join(f"{key} {value}" for key, value in clues.items())
-            return f"{dimension!r} is told to run along both x and y ({told}); correct its attributes"
+            clues_in_words = ", ".join(f"{key} {value}" for key, value in clues.items())
+            return f"{dimension!r} is told to run along both x and y ({clues_in_words}); correct its attributes"
     bent = [str(name) for name, c in variable.coords.items() if c.ndim == 2 and is_position(c)]
     if bent:
         return f"warp it by {' and '.join(bent)}: `gdalwarp -geoloc {text} elevation.tif`"
@@ -188,10 +188,10 @@ def _remedy_of_axes(variable: Any, text: str) -> str:
 
 def _direction(coordinate: Any) -> str | None:
     """Direction of a coordinate, by its attributes, and without any by its name; None if it has none or they contradict."""
-    told = set(_direction_clues(coordinate).values())
-    if len(told) > 1 or str(coordinate.attrs.get("axis", "")).upper() in ("Z", "T"):
+    candidates = set(_direction_clues(coordinate).values())
+    if len(candidates) > 1 or str(coordinate.attrs.get("axis", "")).upper() in ("Z", "T"):
         return None
-    return told.pop() if told else DIRECTIONS.get(str(coordinate.name).lower())
+    return candidates.pop() if candidates else DIRECTIONS.get(str(coordinate.name).lower())
 
 
 def _direction_clues(coordinate: Any) -> dict[str, str]:
@@ -201,9 +201,9 @@ def _direction_clues(coordinate: Any) -> dict[str, str]:
     return clues | ({"units": unit.direction} if unit and unit.direction else {})
 
 
-def _unit(stated: str) -> AxisUnit | None:
+def _unit(units: str) -> AxisUnit | None:
     """Unit in the words of UDUNITS; None if it is not known."""
-    word = stated.strip().lower().replace("_", " ").replace("-", " ")
+    word = units.strip().lower().replace("_", " ").replace("-", " ")
     number = NUMBER.fullmatch(word)
     scale = float(number["number"]) if number else 1.0
     plain = number["unit"] if number else word
@@ -221,15 +221,15 @@ def _unit(stated: str) -> AxisUnit | None:
 
 def _unit_of(coordinate: Any, text: str) -> AxisUnit | None:
     """Unit of a coordinate; None if it states none and is not called a longitude or latitude."""
-    stated = str(coordinate.attrs.get("units", "")).strip()
-    unit = _unit(stated)
+    units = str(coordinate.attrs.get("units", "")).strip()
+    unit = _unit(units)
     if unit:
         return unit
-    if stated not in ("", "1"):
-        raise DemError(f"{text}: coordinate {coordinate.name!r} is in {stated!r}; metres or degrees are needed")
+    if units not in ("", "1"):
+        raise DemError(f"{text}: coordinate {coordinate.name!r} is in {units!r}; metres or degrees are needed")
     names = (coordinate.attrs.get("standard_name"), str(coordinate.name).lower())
     is_angle = any(name in ("longitude", "latitude", "lon", "lat", "grid_longitude", "grid_latitude") for name in names)
-    return AxisUnit("degrees", ANGLES["degree"], True) if is_angle and not stated else None
+    return AxisUnit("degrees", ANGLES["degree"], True) if is_angle and not units else None
 
 
 def _factor(coordinate: Any, unit: AxisUnit | None, system: Any, text: str) -> float:
@@ -253,25 +253,25 @@ def _edge_and_step(dataset: Any, coordinate: Any, text: str) -> tuple[float, flo
     c = np.asarray(coordinate.values, dtype=np.float64)
     coarseness = _resolution(coordinate)
     step, start = _even(c, coarseness, f"coordinate {coordinate.name!r}", text)
-    said = []
+    notes = []
     if coarseness > UNEVEN * abs(step):
         kind = coordinate.encoding.get("dtype", coordinate.dtype)
         place = f"{coordinate.name} is stored as {kind}, which resolves {coarseness:g} there, cells are {abs(step):g} wide"
         if coarseness > abs(step) / 2:
             raise DemError(f"{text}: {place}; write it in double precision")
-        said.append(place)
+        notes.append(place)
     name = str(coordinate.attrs.get("bounds") or coordinate.encoding.get("bounds") or "")
     if name not in dataset.variables or dataset.variables[name].shape != (c.size, 2):
-        return start - step / 2, step, [*said, *([f"the bounds {name} of {coordinate.name} are not in the file"] if name else [])]
+        return start - step / 2, step, [*notes, *([f"the bounds {name} of {coordinate.name} are not in the file"] if name else [])]
     bounds = np.sort(np.asarray(dataset.variables[name].values, dtype=np.float64), axis=1)[:, :: 1 if step > 0 else -1]
     tolerance = max(UNEVEN * abs(step), coarseness)
     if np.abs(bounds[1:, 0] - bounds[:-1, 1]).max() > tolerance:
         raise DemError(f"{text}: the cells of {name!r}, bounds of {coordinate.name!r}, do not touch each other; correct them")
     _, edge = _even(np.append(bounds[:, 0], bounds[-1, 1]), coarseness, f"bounds {name!r} of {coordinate.name!r}", text)
     if abs(edge - (start - step / 2)) <= tolerance:
-        return start - step / 2, step, said
+        return start - step / 2, step, notes
     shift = (edge + step / 2 - start) / step
-    return edge, step, [*said, f"{coordinate.name} lies {abs(shift):.3g} cells beside the centres of the cells; {name} counts"]
+    return edge, step, [*notes, f"{coordinate.name} lies {abs(shift):.3g} cells beside the centres of the cells; {name} counts"]
 
 
 def _even(c: np.ndarray, coarseness: float, what: str, text: str) -> tuple[float, float]:
@@ -299,12 +299,12 @@ def _resolution(coordinate: Any) -> float:
 
 
 def _with_geo_transform(
-    transform: tuple[float, ...], shape: tuple[int, int], stated: CfSystem, coarseness: float
+    transform: tuple[float, ...], shape: tuple[int, int], cf_system: CfSystem, coarseness: float
 ) -> tuple[Any, tuple[str, ...]]:
     """The GeoTransform attribute where it agrees with the coordinates, since it carries no rounding; else a sentence."""
-    held = stated.attributes.get("GeoTransform", "")
+    numbers = cf_system.attributes.get("GeoTransform", "")
     try:
-        c, a, b, f, d, e = (float(number) for number in (held.split() if isinstance(held, str) else held))
+        c, a, b, f, d, e = (float(number) for number in (numbers.split() if isinstance(numbers, str) else numbers))
     except (TypeError, ValueError):
         return transform, ()
     dx, _, _, _, dy, _ = transform
@@ -317,7 +317,7 @@ def _with_geo_transform(
     return transform, (f"the attribute GeoTransform differs from the coordinates by {off:.4g}; the coordinates count",)
 
 
-def _require_on_map(system: Any, transform: tuple[float, ...], shape: tuple[int, int], stated: CfSystem, text: str) -> None:
+def _require_on_map(system: Any, transform: tuple[float, ...], shape: tuple[int, int], cf_system: CfSystem, text: str) -> None:
     """DemError if degrees lie beside the globe, or the middle of a map of CF parameters beside its projection."""
     if system is None:
         return
@@ -331,8 +331,8 @@ def _require_on_map(system: Any, transform: tuple[float, ...], shape: tuple[int,
             raise DemError(
                 f"{text}: its middle lies at {x:g}, {y:g}, which is not on the globe in units of {unit}; correct the units"
             )
-    elif flat.is_projected and "grid_mapping_name" in stated.attributes and not _is_on_earth(flat, x, y):
-        shifts = {key: stated.attributes[key] for key in ("false_easting", "false_northing") if key in stated.attributes}
+    elif flat.is_projected and "grid_mapping_name" in cf_system.attributes and not _is_on_earth(flat, x, y):
+        shifts = {key: cf_system.attributes[key] for key in ("false_easting", "false_northing") if key in cf_system.attributes}
         remedy = f"CF states {shifts or 'lengths'} in the unit of the coordinates: correct them, or write the system as crs_wkt"
         raise DemError(f"{text}: its middle, {x:g} m east and {y:g} m north, lies outside of {flat.name}; {remedy}")
 

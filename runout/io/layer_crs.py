@@ -91,91 +91,91 @@ def to_terrain(path: Path, crs: Any, terrain: Terrain, bounds: Any, command: str
     ReleaseError
         If no transformation is known, or the file is in degrees and the terrain states no system.
     """
-    stated, wanted = stated_crs(crs), stated_crs(terrain.crs)
-    if stated is None:
-        return _unstated(path, wanted, terrain, np.asarray(bounds, float), command)
-    if wanted is not None:
-        return _between(path, stated, wanted, terrain, command)
-    if stated.is_geographic:
+    source, target = stated_crs(crs), stated_crs(terrain.crs)
+    if source is None:
+        return _unstated(path, target, terrain, np.asarray(bounds, float), command)
+    if target is not None:
+        return _between(path, source, target, terrain, command)
+    if source.is_geographic:
         raise ReleaseError(
-            f"{path} is in degrees ({crs_name(stated)}), and the terrain {terrain.source} states no coordinate system; "
+            f"{path} is in degrees ({crs_name(source)}), and the terrain {terrain.source} states no coordinate system; "
             "state the terrain's (terrain.crs in site.yaml)"
         )
-    assumed = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} states no coordinate system; taken to be the same."
+    assumed = f"{path} is in {crs_name(source)}, the terrain {terrain.source} states no coordinate system; taken to be the same."
     return ToTerrain(None, None, (assumed,))
 
 
-def _unstated(path: Path, wanted: Any, terrain: Terrain, bounds: np.ndarray, command: str) -> ToTerrain:
-    if wanted is None:
+def _unstated(path: Path, target: Any, terrain: Terrain, bounds: np.ndarray, command: str) -> ToTerrain:
+    if target is None:
         return ToTerrain(None, None, ())
     own = stated_crs(terrain.own_crs)
     if own is not None and not _meets(bounds, terrain.extent):
-        found = _between(path, own, wanted, terrain, command)
-        if found.forward is not None and _meets(_moved_bounds(found.forward, bounds), terrain.extent):
-            said = f"{path} states no coordinate system; taken to be in that of the elevation raster's file, {crs_name(own)}."
-            return ToTerrain(found.forward, found.inverse, (said, *found.sentences))
-    return ToTerrain(None, None, (f"{path} states no coordinate system; taken to be in the terrain's, {crs_name(wanted)}.",))
+        change = _between(path, own, target, terrain, command)
+        if change.forward is not None and _meets(_moved_bounds(change.forward, bounds), terrain.extent):
+            note = f"{path} states no coordinate system; taken to be in that of the elevation raster's file, {crs_name(own)}."
+            return ToTerrain(change.forward, change.inverse, (note, *change.sentences))
+    return ToTerrain(None, None, (f"{path} states no coordinate system; taken to be in the terrain's, {crs_name(target)}.",))
 
 
-def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: str) -> ToTerrain:
+def _between(path: Path, source: Any, target: Any, terrain: Terrain, command: str) -> ToTerrain:
     """Transformation between two known systems; none if both are the same."""
     from pyproj import Transformer
     from pyproj.exceptions import ProjError
 
-    named = names_datum(stated) and names_datum(wanted)
-    if same(stated, wanted) and (named or stated == wanted):
+    named = names_datum(source) and names_datum(target)
+    if same(source, target) and (named or source == target):
         return ToTerrain(None, None, ())
-    if terrain.own_crs and _is_own(stated, stated_crs(terrain.own_crs), wanted, terrain):
-        return _as_elevations(path, stated, wanted, terrain)
-    if {axis.direction for axis in stated.axis_info} == {"west", "south"}:
+    if terrain.own_crs and _is_own(source, stated_crs(terrain.own_crs), target, terrain):
+        return _as_elevations(path, source, target, terrain)
+    if {axis.direction for axis in source.axis_info} == {"west", "south"}:
         raise ReleaseError(
-            f"{path} is in {crs_name(stated)}, whose axes point west and south: files in it disagree on what they mean; "
+            f"{path} is in {crs_name(source)}, whose axes point west and south: files in it disagree on what they mean; "
             f"write it in a system with eastings and northings, for example {command} -t_srs EPSG:5514 for EPSG:5513"
         )
-    both = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} in {crs_name(wanted)}"
-    if not named and not same_ellipsoid(stated, wanted):
+    both = f"{path} is in {crs_name(source)}, the terrain {terrain.source} in {crs_name(target)}"
+    if not named and not same_ellipsoid(source, target):
         raise ReleaseError(
             f"{both}; one of them names no datum, and the ellipsoids differ, so positions are uncertain by about 100 m; "
             f"write the right system into the file, for example {command} -a_srs EPSG:CODE"
         )
     try:
         transformer = Transformer.from_crs(
-            stated, wanted, always_xy=True, allow_ballpark=not named, area_of_interest=_area(wanted, terrain.extent)
+            source, target, always_xy=True, allow_ballpark=not named, area_of_interest=_area(target, terrain.extent)
         )
-        found = _tried(transformer, terrain)
+        change = _tried(transformer, terrain)
     except ProjError as error:
         raise ReleaseError(f"{both}; no transformation between them is known here ({error}); {_remedy(path, command)}") from error
-    if found.forward is None:
+    if change.forward is None:
         return ToTerrain(
             None, None, (f"{both}; their coordinates agree to {1e3 * SAME_PLACE:g} mm here and are taken as they are.",)
         )
     datum = "" if named else "; one of them names no datum, which is taken to be that of the other"
-    said = f"{path}: transformed from {crs_name(stated)} to the terrain's {crs_name(wanted)} ({_operation(transformer)}){datum}."
-    return ToTerrain(found.forward, found.inverse, (said,))
+    note = f"{path}: transformed from {crs_name(source)} to the terrain's {crs_name(target)} ({_operation(transformer)}){datum}."
+    return ToTerrain(change.forward, change.inverse, (note,))
 
 
-def _is_own(stated: Any, own: Any, wanted: Any, terrain: Terrain) -> bool:
+def _is_own(source: Any, own: Any, target: Any, terrain: Terrain) -> bool:
     """Whether a system equals that of the elevation file. Without a datum, ellipsoid and coordinates are compared."""
     from pyproj import Transformer
 
-    if own is None or same(stated, own):
+    if own is None or same(source, own):
         return own is not None
-    if names_datum(stated) or names_datum(own) or not same_ellipsoid(stated, own):
+    if names_datum(source) or names_datum(own) or not same_ellipsoid(source, own):
         return False
     corners = _corners(terrain.extent)
-    x, y = Transformer.from_crs(own, wanted, always_xy=True).transform(corners[:, 0], corners[:, 1], direction="INVERSE")
-    there = Transformer.from_crs(own, stated, always_xy=True).transform(x, y)
+    x, y = Transformer.from_crs(own, target, always_xy=True).transform(corners[:, 0], corners[:, 1], direction="INVERSE")
+    there = Transformer.from_crs(own, source, always_xy=True).transform(x, y)
     return bool(np.allclose(there, (x, y), rtol=1e-10, atol=0.0))
 
 
-def _as_elevations(path: Path, stated: Any, wanted: Any, terrain: Terrain) -> ToTerrain:
+def _as_elevations(path: Path, source: Any, target: Any, terrain: Terrain) -> ToTerrain:
     """The transformation that the elevations had from the system of their file to that of the terrain."""
     from pyproj import Transformer
 
-    transformer = Transformer.from_crs(stated, wanted, always_xy=True)
-    found = _tried(transformer, terrain)
-    said = f"{path}: transformed as the elevations were, from {crs_name(stated)} to {crs_name(wanted)} ({_operation(transformer)})."
-    return ToTerrain(found.forward, found.inverse, (said,))
+    transformer = Transformer.from_crs(source, target, always_xy=True)
+    change = _tried(transformer, terrain)
+    note = f"{path}: transformed as the elevations were, from {crs_name(source)} to {crs_name(target)} ({_operation(transformer)})."
+    return ToTerrain(change.forward, change.inverse, (note,))
 
 
 def _tried(transformer: Any, terrain: Terrain) -> ToTerrain:

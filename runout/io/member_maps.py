@@ -13,8 +13,8 @@ from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.grid import grid_coordinates
 from runout.io.window import NEVER_BELOW, Part
-from runout.map_quantities import ARRIVAL, member_map_names
 from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL, member_map_names
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Block:
     Attributes
     ----------
     rows, columns : slice
-        Of the raster.
+        Rows and columns of the raster.
     maps : mapping of str to ndarray (rows, columns)
         float32; NaN where there is no value.
     """

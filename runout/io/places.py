@@ -5,8 +5,8 @@ import tempfile
 from pathlib import Path
 
 from runout.errors import ConfigError
-from runout.io.boundary import exists, kind_of
-from runout.io.regular import irregular
+from runout.io.boundary import exists
+from runout.io.regular import irregular, kind_of
 from runout.processes.owner import fault_of_owner
 
 ELSEWHERE = "name another place"

@@ -63,17 +63,17 @@ class PolygonLayer:
 
         if attribute not in self.attributes:
             raise ReleaseError(self.lacks(attribute, what))
-        stated = self.attributes[attribute]
+        column = self.attributes[attribute]
         kinds = pandas.api.types
-        other = kinds.is_datetime64_any_dtype(stated) or kinds.is_timedelta64_dtype(stated) or kinds.is_bool_dtype(stated)
-        converted = pandas.Series(np.nan, stated.index) if other else stated  # dates and truth values would become numbers
+        other = kinds.is_datetime64_any_dtype(column) or kinds.is_timedelta64_dtype(column) or kinds.is_bool_dtype(column)
+        converted = pandas.Series(np.nan, column.index) if other else column  # dates and truth values would become numbers
         values = pandas.to_numeric(converted, errors="coerce").to_numpy(np.float64)
         unusable = np.flatnonzero(~np.isfinite(values))
         if len(unusable):
             first = unusable[0]
-            found = "empty" if is_missing(stated.iloc[first]) else repr(stated.iloc[first])
+            content = "empty" if is_missing(column.iloc[first]) else repr(column.iloc[first])
             raise ReleaseError(
-                f"{self.source}: attribute {attribute!r} of polygon {self.number(first)} is {found}; "
+                f"{self.source}: attribute {attribute!r} of polygon {self.number(first)} is {content}; "
                 f"every polygon needs a number for its {what}"
             )
         return values
@@ -163,10 +163,10 @@ def read_drawn(path: Path, terrain: Terrain, layer: str | None, what: str, key: 
     geometry = frame.geometry.force_2d().to_numpy()
     _require_polygons(path, geometry, what)
     least = SLIVER * terrain.cell_area
-    geometry, said = _without_slivers(path, geometry, least)
-    left = np.array([one is not None for one in geometry])
+    geometry, notes = _without_slivers(path, geometry, least)
+    remaining = np.array([one is not None for one in geometry])
     attributes = frame.drop(columns=frame.geometry.name).reset_index(drop=True)
-    return PolygonLayer(path, geometry[left], attributes[left], (*changes, *said), least)
+    return PolygonLayer(path, geometry[remaining], attributes[remaining], (*changes, *notes), least)
 
 
 def read_frame(path: Path, layer: str | None, what: str, key: str = "layer") -> tuple[Any, str]:
@@ -182,14 +182,14 @@ def _layer(path: Path, layers: list[str], layer: str | None, what: str, key: str
     if not layers:
         raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} into it")
     if layer is None and len(layers) > 1:
-        held = f"holds {len(layers)} layers ({', '.join(layers)})"
+        names = f"holds {len(layers)} layers ({', '.join(layers)})"
         raise ReleaseError(
-            f"{path}: {held}; name the one with the {what}, for example {key}{' ' if key.startswith('--') else ': '}{layers[0]}"
+            f"{path}: {names}; name the one with the {what}, for example {key}{' ' if key.startswith('--') else ': '}{layers[0]}"
         )
     if layer is not None and layer not in layers:
         near = difflib.get_close_matches(layer, layers, n=1, cutoff=0.4)
-        asked = f"did you mean {near[0]!r}? " if near else ""
-        raise ReleaseError(f"{path}: no layer {layer!r}; {asked}layers: {', '.join(layers)}")
+        question = f"did you mean {near[0]!r}? " if near else ""
+        raise ReleaseError(f"{path}: no layer {layer!r}; {question}layers: {', '.join(layers)}")
     return layer or layers[0]
 
 
@@ -217,13 +217,13 @@ def _without_slivers(path: Path, geometry: np.ndarray, least: float) -> tuple[np
     small[small] = shapely.is_valid(parts[small]) | ((hull > 0) & (hull < least))
     if not small.any() or small.all():
         return geometry, ()
-    kept = geometry.copy()
+    cleaned = geometry.copy()
     for number in np.unique(row[small]):
         own = parts[(row == number) & ~small]
-        kept[number] = shapely.MultiPolygon(list(own)) if len(own) else None
+        cleaned[number] = shapely.MultiPolygon(list(own)) if len(own) else None
     area = float(shapely.area(parts[small]).sum())
-    said = f"{path}: {int(small.sum())} slivers below {SLIVER:g} cells of the terrain are left out, {area:.3g} m2 in all."
-    return kept, (said,)
+    note = f"{path}: {int(small.sum())} slivers below {SLIVER:g} cells of the terrain are left out, {area:.3g} m2 in all."
+    return cleaned, (note,)
 
 
 def _invalid(layer: PolygonLayer, what: str) -> dict[int, str]:

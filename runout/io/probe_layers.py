@@ -42,21 +42,21 @@ def read_probes(
     ConfigError
         With all problems of all files.
     """
-    wanted = [(points, points_layer, POINTS), (cross_sections, cross_sections_layer, LINES)]
-    found: dict[str, list[Any]] = {POINTS: list(stated), LINES: []}
+    layers = [(points, points_layer, POINTS), (cross_sections, cross_sections_layer, LINES)]
+    probes: dict[str, list[Any]] = {POINTS: list(stated), LINES: []}
     problems: list[Problem] = []
     changes: tuple[str, ...] = ()
-    for path, layer, what in wanted:
+    for path, layer, what in layers:
         if path is not None:
-            read, said, wrong = _read(Path(path), terrain, layer, what)
-            found[what] += read
-            changes += said
+            of_layer, notes, wrong = _read(Path(path), terrain, layer, what)
+            probes[what] += of_layer
+            changes += notes
             problems += wrong
-    for several in found.values():
+    for several in probes.values():
         problems += [*name_problems(several), *(p for one in several for p in place_problems(one, terrain))]
     if problems:
         raise ConfigError(problems)
-    return Probes(tuple(found[POINTS]), tuple(found[LINES]), interval, changes)
+    return Probes(tuple(probes[POINTS]), tuple(probes[LINES]), interval, changes)
 
 
 def read_lines(
@@ -69,12 +69,12 @@ def read_lines(
     ConfigError
         With all problems of the file.
     """
-    read, said, problems = _read(Path(path), terrain, layer, LINES)
+    lines, notes, problems = _read(Path(path), terrain, layer, LINES)
     known = replace(terrain, elevation=np.nan_to_num(terrain.elevation))
-    problems += [*name_problems(read), *(p for one in read for p in place_problems(one, known))]
+    problems += [*name_problems(lines), *(p for one in lines for p in place_problems(one, known))]
     if problems:
         raise ConfigError(problems)
-    return tuple(read), said
+    return tuple(lines), notes
 
 
 def _read(path: Path, terrain: Terrain, layer: str | None, what: str) -> tuple[list[Any], tuple[str, ...], list[Problem]]:
@@ -83,15 +83,15 @@ def _read(path: Path, terrain: Terrain, layer: str | None, what: str) -> tuple[l
         frame, driver = read_frame(path, layer, what, "points_layer" if what == POINTS else "cross_sections_layer")
         if not len(frame):
             return [], (), [Problem(str(path), None, "", "the layer is empty", f"draw at least one {what} in it")]
-        frame, said = polygons_on_terrain(path, frame, driver, terrain)
+        frame, notes = polygons_on_terrain(path, frame, driver, terrain)
     except InputError as error:
         return [], (), [Problem(*_divided(str(error), str(path)))]
-    found, problems = [], []
+    probes, problems = [], []
     for one in _features(path, frame, what):
         wrong = [one] if isinstance(one, Problem) else list(vertex_problems(one)) if isinstance(one, CrossSection) else []
         problems += wrong
-        found += [] if wrong else [one]
-    return found, said, problems
+        probes += [] if wrong else [one]
+    return probes, notes, problems
 
 
 def _divided(text: str, path: str) -> tuple[str, None, str, str, str]:
@@ -129,5 +129,5 @@ def _names(frame: Any, what: str) -> list[str]:
     numbered = [f"{PREFIXES[what]}{number}" for number in range(1, len(frame) + 1)]
     if column is None:
         return numbered
-    given = frame[column]
-    return [str(name) if known else other for name, known, other in zip(given, given.notna(), numbered, strict=True)]
+    entries = frame[column]
+    return [str(name) if known else other for name, known, other in zip(entries, entries.notna(), numbered, strict=True)]

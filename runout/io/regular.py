@@ -1,4 +1,4 @@
-"""Opens files of runout's own folders, which are regular files and no links, so that nothing is written or read elsewhere."""
+"""Kinds of files, and files of runout's own folders: they are regular files and no links, so that all is read and written there."""
 
 import errno
 import os
@@ -46,7 +46,7 @@ def read_regular(path: str | os.PathLike[str]) -> bytes:
 
 def irregular(folder: Path) -> list[tuple[Path, str]]:
     """Links, pipes, devices and sockets in a folder and its subfolders, sorted, each with its kind; links are not followed."""
-    found, waiting = [], [os.fspath(folder)]
+    special_files, waiting = [], [os.fspath(folder)]
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
@@ -54,15 +54,15 @@ def irregular(folder: Path) -> list[tuple[Path, str]]:
                     if entry.is_dir(follow_symlinks=False):
                         waiting.append(entry.path)
                     elif not entry.is_file(follow_symlinks=False):
-                        found.append((Path(entry.path), kind_of(Path(entry.path)) or "no regular file"))
+                        special_files.append((Path(entry.path), kind_of(Path(entry.path), follow_links=False) or "no regular file"))
         except OSError:  # it cannot be read, or was removed meanwhile; the first access reports it
             continue
-    return sorted(found)
+    return sorted(special_files)
 
 
-def kind_of(path: Path) -> str | None:
-    """Kind of a link or special file; None for regular files, folders and what is missing."""
+def kind_of(path: Path, *, follow_links: bool = True) -> str | None:
+    """Kind of a special file, such as a named pipe, or of a link; None for regular files, folders and missing files."""
     try:
-        return KINDS.get(stat.S_IFMT(path.lstat().st_mode))
+        return KINDS.get(stat.S_IFMT(path.stat(follow_symlinks=follow_links).st_mode))
     except (OSError, ValueError):
         return None

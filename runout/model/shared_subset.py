@@ -1,8 +1,14 @@
-"""The subset of Python that numba, warp and plain Python read alike: formulas of physics and of laws keep to it."""
+"""The subset of Python that numba, warp and plain Python read alike: formulas of physics and of laws keep to it.
+
+Formulas without branches also take arrays of NumPy in place of numbers (:func:`for_arrays`).
+"""
 
 import ast
 from collections.abc import Iterator
-from typing import TypeGuard
+from types import FunctionType
+from typing import Any, TypeGuard
+
+import numpy as np
 
 FORBIDDEN = (
     ast.AnnAssign,
@@ -26,6 +32,20 @@ FORBIDDEN = (
 CASTS = {"real", "i64"}
 IMPORTS = ("math", "typing", "runout.physics")
 WIDEST_INT = 2**31 - 1
+OF_ARRAYS = {"math": np, "min": np.minimum, "max": np.maximum, "abs": np.abs}  # what these names of a formula are for arrays
+
+
+def for_arrays(formula: Any, **formulas: FunctionType) -> FunctionType:
+    """The formula for arrays of NumPy in place of numbers; it must not branch.
+
+    Parameters
+    ----------
+    formula : function
+        In the shared subset.
+    **formulas : function
+        The functions that it calls, for arrays, by their names.
+    """
+    return FunctionType(formula.__code__, {**formula.__globals__, **OF_ARRAYS, **formulas})
 
 
 def violations(source: str) -> Iterator[tuple[int, str]]:

@@ -3,28 +3,19 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from types import FunctionType
-from typing import Any
 
 import numpy as np
 
+from runout.model.shared_subset import for_arrays
 from runout.physics import bspline, heightfield
 
 STRIP = 64  # rows and columns of coefficients that are resampled at once
 BLOCK = 144  # rows and columns of a block whose intermediate arrays fit into the cache of a core
 MANY = 0.5  # of all cells: so many that are not smooth are not looked up one by one
 REACH = 3  # cells on each side that a coefficient depends on
-_EXTREMA = {"min": np.minimum, "max": np.maximum}
-
-
-def _for_arrays(formula: Any, **formulas: Any) -> FunctionType:
-    """A formula with extrema, for arrays; ``formulas`` are what it calls, for arrays."""
-    return FunctionType(formula.__code__, {**formula.__globals__, **_EXTREMA, **formulas})
-
-
-_smoothness, _spline_coefficient = _for_arrays(heightfield.smoothness), _for_arrays(heightfield.spline_coefficient)
-_bend_smoothness = _for_arrays(heightfield.bend_smoothness, smoothness=_smoothness)
-_resampled_coefficient = _for_arrays(heightfield.resampled_coefficient, spline_coefficient=_spline_coefficient)
+_smoothness, _spline_coefficient = for_arrays(heightfield.smoothness), for_arrays(heightfield.spline_coefficient)
+_bend_smoothness = for_arrays(heightfield.bend_smoothness, smoothness=_smoothness)
+_resampled_coefficient = for_arrays(heightfield.resampled_coefficient, spline_coefficient=_spline_coefficient)
 
 
 @dataclass(frozen=True)

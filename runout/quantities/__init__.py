@@ -1,7 +1,7 @@
 """Quantities that runout maps: each file of this folder is one, and no other file lists them.
 
 A quantity makes the maps of members, the products over the members, the settings and the report. Its formula takes a column of the
-flow: thickness [m], speed [m/s] and density [kg/m3].
+flow: thickness [m], speed [m/s] and density [kg/m3]. The time of arrival has a map of its own and no formula.
 """
 
 import importlib
@@ -9,6 +9,10 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+DEPOSIT = "deposit"
+ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
+UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
 
 
 @dataclass(frozen=True)
@@ -122,3 +126,19 @@ class MapQuantity:
 
 _FILES = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
 QUANTITIES: dict[str, MapQuantity] = {q.name: q for q in sorted((f.QUANTITY for f in _FILES), key=lambda q: (q.place, q.name))}
+
+
+def peak_quantities() -> list[MapQuantity]:
+    """Quantities whose largest value over time is mapped; thickness is the first."""
+    return [q for q in QUANTITIES.values() if q.formula]
+
+
+def member_map_names() -> tuple[str, ...]:
+    """Names of the maps of a member: peaks, arrival, and the deposit."""
+    return (*(q.member_map for q in peak_quantities()), ARRIVAL, QUANTITIES[DEPOSIT].member_map)
+
+
+def quantity_of(variable: str) -> MapQuantity | None:
+    """The quantity whose values a map shows, None for probabilities, times and the ground."""
+    shown = {name: q for q in QUANTITIES.values() for name in (q.member_map, q.percentile, q.peak, q.mean) if name}
+    return shown.get(variable)

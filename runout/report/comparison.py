@@ -23,74 +23,78 @@ TEMPLATE = "comparison.html.jinja"
 DIVERGING = "RdBu_r"
 
 
-def comparison_page(found: Comparison) -> str:
+def comparison_page(comparison: Comparison) -> str:
     """HTML text of one self-contained page."""
-    stored = found.found.stored()
-    a, b = names(found)
-    shown_a, shown_b = _shown_names(found)
-    heading = [("Scored", str(found.a.path)), ("Against", str(found.b.path)), ("Grid", _grid(found))]
+    stored = comparison.found.stored()
+    a, b = names(comparison)
+    shown_a, shown_b = _shown_names(comparison)
+    heading = [("Scored", str(comparison.a.path)), ("Against", str(comparison.b.path)), ("Grid", _grid(comparison))]
     return render(
         {
             "title": f"{a} against {b}",
             "heading": [*heading, ("Made by", f"runout {__version__}")],
-            "lead": _lead(found),
+            "lead": _lead(comparison),
             "scores": score_tables(stored["scores"]),
-            "best": _best(found),
-            "members": _members(found),
+            "best": _best(comparison),
+            "members": _members(comparison),
             "counts": [(of, counts_in_words(counts)) for of, counts in stored["counts"].items()],
-            "legend": _legend(found, shown_a, shown_b),
-            "sheets": list(_sheets(found, shown_a, shown_b)),
-            "changes": found.changes,
+            "legend": _legend(comparison, shown_a, shown_b),
+            "sheets": list(_sheets(comparison, shown_a, shown_b)),
+            "changes": comparison.changes,
         },
         TEMPLATE,
     )
 
 
-def names(found: Comparison) -> tuple[str, str]:
+def names(comparison: Comparison) -> tuple[str, str]:
     """Short names of the two; their folders are added where the last parts are equal."""
-    a, b = found.a.name, found.b.name
+    a, b = comparison.a.name, comparison.b.name
     if a != b:
         return a, b
-    return "/".join(found.a.path.absolute().parts[-3:]), "/".join(found.b.path.absolute().parts[-3:])
+    return "/".join(comparison.a.path.absolute().parts[-3:]), "/".join(comparison.b.path.absolute().parts[-3:])
 
 
-def _shown_names(found: Comparison) -> list[str]:
+def _shown_names(comparison: Comparison) -> list[str]:
     """Names of what the maps show: in place of an ensemble its best member, or the area of a probability."""
-    shown = list(names(found))
-    if found.of_ensemble is not None:
-        of = f"member {found.members[0].number}" if found.members else f"P ≥ {found.flows[found.of_ensemble].probability:g}"
-        shown[found.of_ensemble] += f", {of}"
+    shown = list(names(comparison))
+    if comparison.of_ensemble is not None:
+        of = (
+            f"member {comparison.members[0].number}"
+            if comparison.members
+            else f"P ≥ {comparison.flows[comparison.of_ensemble].probability:g}"
+        )
+        shown[comparison.of_ensemble] += f", {of}"
     return shown
 
 
-def _best(found: Comparison) -> dict[str, Any] | None:
+def _best(comparison: Comparison) -> dict[str, Any] | None:
     """The best member: words, and tables of its scores; None without members."""
-    if not found.members:
+    if not comparison.members:
         return None
-    best = found.members[0]
-    words = f"Member {best.number} is the best of {len(found.members)} by {found.ranked_by}. The maps show this member"
+    best = comparison.members[0]
+    words = f"Member {best.number} is the best of {len(comparison.members)} by {comparison.ranked_by}. The maps show this member"
     return {"words": f"{words}.", "scores": score_tables([score.stored() for score in best.scores])}
 
 
-def _members(found: Comparison) -> list[ScoreTable]:
+def _members(comparison: Comparison) -> list[ScoreTable]:
     """Table of all members, from the best to the worst: sampled parameters and the scores of the headlines."""
-    stored = {str(one.number): [score.stored() for score in one.scores] for one in found.members}
-    parameters = {str(one.number): one.parameters for one in found.members}
+    stored = {str(one.number): [score.stored() for score in one.scores] for one in comparison.members}
+    parameters = {str(one.number): one.parameters for one in comparison.members}
     return range_table(next(iter(stored.values()), []), stored, parameters)
 
 
-def _grid(found: Comparison) -> str:
-    (rows, columns), (dx, dy) = found.grid.shape, found.grid.cell_size
+def _grid(comparison: Comparison) -> str:
+    (rows, columns), (dx, dy) = comparison.grid.shape, comparison.grid.cell_size
     return f"{rows} x {columns} cells of {dx:.4g} x {dy:.4g} m"
 
 
-def _lead(found: Comparison) -> str:
-    known = any(score.numerical_error is not None for score in found.found.scores)
+def _lead(comparison: Comparison) -> str:
+    known = any(score.numerical_error is not None for score in comparison.found.scores)
     bars = "± is the numerical error bar of the first." if known else "The numerical error of the first is not known."
-    if found.of_ensemble is not None:
+    if comparison.of_ensemble is not None:
         bars += (
-            f" Of the ensemble, the area is scored that members of a summed weight of {found.flows[0].probability:g} or more reach "
-            "(P); its members are scored below, each by itself."
+            f" Of the ensemble, the area is scored that members of a summed weight of {comparison.flows[0].probability:g} or more "
+            "reach (P); its members are scored below, each by itself."
         )
     return (
         "Differences are the first minus the second. Cells that one of the two does not know are in no score; they are counted "
@@ -98,70 +102,70 @@ def _lead(found: Comparison) -> str:
     )
 
 
-def _legend(found: Comparison, a: str, b: str) -> str:
+def _legend(comparison: Comparison, a: str, b: str) -> str:
     lines = ["Cells without colour are below the lowest threshold in both, or unknown"]
-    if found.thresholds or found.vector:
-        least = f" (from {number(min(found.thresholds))} m on)" if found.thresholds else ""
+    if comparison.thresholds or comparison.vector:
+        least = f" (from {number(min(comparison.thresholds))} m on)" if comparison.thresholds else ""
         lines.append(f"the dashed line is the outline of {a}{least}")
-        lines.append(f"blue is what was observed: {b}" if found.vector else f"the blue line is that of {b}")
-    if found.setting.thalweg:
+        lines.append(f"blue is what was observed: {b}" if comparison.vector else f"the blue line is that of {b}")
+    if comparison.setting.thalweg:
         lines.append("the dotted line is the thalweg")
     return "; ".join(lines) + "."
 
 
-def basemap(found: Comparison) -> Basemap:
+def basemap(comparison: Comparison) -> Basemap:
     """Ground, outlines and observations under the maps; level ground where no elevation is known."""
     from shapely import LineString
 
-    grid, ground = found.grid, found.elevation
+    grid, ground = comparison.grid, comparison.elevation
     if ground is None or not np.isfinite(ground).any():
         ground = np.zeros(grid.shape)
-    released = [] if found.release is None else [outline(np.nan_to_num(found.release) > 0, grid.terrain())]
-    observed = list(_observed(found))
-    if found.setting.thalweg:
-        observed.append(Mark(LineString(found.setting.thalweg.points), ""))
-    zones = [Mark(shape, "") for shape in [_outline_of(found, 0)] if shape is not None]
+    released = [] if comparison.release is None else [outline(np.nan_to_num(comparison.release) > 0, grid.terrain())]
+    observed = list(_observed(comparison))
+    if comparison.setting.thalweg:
+        observed.append(Mark(LineString(comparison.setting.thalweg.points), ""))
+    zones = [Mark(shape, "") for shape in [_outline_of(comparison, 0)] if shape is not None]
     return Basemap(grid.easting, grid.northing, ground, [r for r in released if not r.is_empty], [], zones, observed)
 
 
-def _observed(found: Comparison) -> Iterator[Mark]:
+def _observed(comparison: Comparison) -> Iterator[Mark]:
     from shapely import Point
 
-    if found.vector is None:
-        shape = _outline_of(found, 1)
+    if comparison.vector is None:
+        shape = _outline_of(comparison, 1)
         if shape is not None:
             yield Mark(shape, "")
-    elif found.vector.gauges is None:
-        yield Mark(found.vector.outline, "")
+    elif comparison.vector.gauges is None:
+        yield Mark(comparison.vector.outline, "")
     else:
-        gauges = found.vector.gauges
+        gauges = comparison.vector.gauges
         for k, (x, y) in enumerate(zip(gauges.easting, gauges.northing, strict=True)):
             yield Mark(Point(x, y), gauges.label(k))
 
 
-def _outline_of(found: Comparison, place: int) -> Any:
+def _outline_of(comparison: Comparison, place: int) -> Any:
     """Outline of a flow at the lowest threshold; None if it has none."""
-    flow = found.flows[place]
+    flow = comparison.flows[place]
     quantity = next((name for name in (*THICKNESSES, *PEAKS) if name in flow.maps), None)
-    if quantity is None or not found.thresholds:
+    if quantity is None or not comparison.thresholds:
         return None
-    shape = outline(flow.area(quantity, min(found.thresholds)) >= 0.5, found.grid.terrain())
+    shape = outline(flow.area(quantity, min(comparison.thresholds)) >= 0.5, comparison.grid.terrain())
     return None if shape.is_empty else shape
 
 
-def _sheets(found: Comparison, a: str, b: str) -> Iterator[dict[str, str | None]]:
-    base = basemap(found)
-    shown = [np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in found.flows for name in flow.maps]
+def _sheets(comparison: Comparison, a: str, b: str) -> Iterator[dict[str, str | None]]:
+    base = basemap(comparison)
+    shown = [np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in comparison.flows for name in flow.maps]
     pictures = MapPictures(base, base.window(np.any(shown, axis=0)))
-    both = found.quantities or [name for name in ("thickness", "deposit") if name in found.flows[0].maps][:1]
+    both = comparison.quantities or [name for name in ("thickness", "deposit") if name in comparison.flows[0].maps][:1]
     for name in both:
-        style = _style(found, name)
-        for flow, label in zip(found.flows, (a, b), strict=True):
+        style = _style(comparison, name)
+        for flow, label in zip(comparison.flows, (a, b), strict=True):
             if name in flow.maps:
                 values = np.where(np.isfinite(flow.maps[name]), flow.maps[name], np.nan)
                 yield {"title": f"{_title(name)}: {label}", "caption": "", "image": embedded(pictures.png(values, style))}
-        if name in found.quantities:
-            image = embedded(pictures.png(_shown_difference(found, name), difference_style(name)))
+        if name in comparison.quantities:
+            image = embedded(pictures.png(_shown_difference(comparison, name), difference_style(name)))
             yield {"title": f"{_title(name)}: difference", "caption": f"{a} minus {b}", "image": image}
 
 
@@ -169,15 +173,15 @@ def _title(name: str) -> str:
     return TITLES[name][:1].upper() + TITLES[name][1:]
 
 
-def _style(found: Comparison, name: str) -> MapStyle:
+def _style(comparison: Comparison, name: str) -> MapStyle:
     """Colours of a quantity, on one scale for both."""
     if name == "change":
         return MapStyle("change of elevation [m]", DIVERGING, faintest=-np.inf, diverging=True)
     style = STYLES["time" if name == "arrival" else name]
-    known = np.concatenate([flow.maps[name].ravel() for flow in found.flows if name in flow.maps])
+    known = np.concatenate([flow.maps[name].ravel() for flow in comparison.flows if name in flow.maps])
     known = known[np.isfinite(known) & (known > 0)] * style.scale
     top = float(np.percentile(known, 99)) if known.size else 0.0
-    label = "thickness normal to the slope [m]" if name in THICKNESSES and found.slope_normal else style.label
+    label = "thickness normal to the slope [m]" if name in THICKNESSES and comparison.slope_normal else style.label
     return replace(style, top=top, label=label)
 
 
@@ -187,7 +191,7 @@ def difference_style(name: str) -> MapStyle:
     return MapStyle(f"difference [{unit(units)}]", DIVERGING, faintest=-np.inf, scale=1.0 / divisor, diverging=True)
 
 
-def _shown_difference(found: Comparison, name: str) -> np.ndarray:
+def _shown_difference(comparison: Comparison, name: str) -> np.ndarray:
     """Difference without the cells that neither flow reaches."""
-    either = np.any([np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in found.flows], axis=0)
-    return np.where(either, found.difference(name), np.nan)
+    either = np.any([np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in comparison.flows], axis=0)
+    return np.where(either, comparison.difference(name), np.nan)

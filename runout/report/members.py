@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.map_quantities import QUANTITIES
+from runout.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import ConfigError
-from runout.map_quantities import ARRIVAL, QUANTITIES
+from runout.quantities import ARRIVAL, QUANTITIES
 from runout.report.maps import Basemap, blank_map, tint_by_elevation
 from runout.report.values import STYLES, MapStyle, Window, draw_values
 from runout.report.wording import unit

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.hazard.joint import conditions_of
-from runout.map_quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.report.maps import Basemap, draw_location
 from runout.report.picture import png
 from runout.report.study import Study

@@ -10,8 +10,8 @@ from runout.config.parameter_variables import parameter_variable
 from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
-from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import WORST, DepthResolution
+from runout.quantities import QUANTITIES
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
@@ -94,11 +94,11 @@ def _sampled(hazard: "xr.Dataset") -> str:
 
 def heading(study: Study) -> list[tuple[str, str]]:
     """Author, date, version and purpose of the study as labels and values; items that are not stated are left out."""
-    stated = study.run.get("metadata", {})
-    author = ", ".join(stated[key] for key in ("author", "institution", "email") if key in stated)
+    entries = study.run.get("metadata", {})
+    author = ", ".join(entries[key] for key in ("author", "institution", "email") if key in entries)
     created, version = study.run.get("created", ""), study.run.get("runout", "")
     when = created.replace("T", " ").replace("+00:00", " UTC") + (f", runout {version}" if version else "")
-    lines = [("Made by", author), ("Date", when), ("Project", stated.get("project", "")), ("Purpose", stated.get("purpose", ""))]
+    lines = [("Made by", author), ("Date", when), ("Project", entries.get("project", "")), ("Purpose", entries.get("purpose", ""))]
     return [(words, value) for words, value in lines if value]
 
 
@@ -165,8 +165,8 @@ def _still_moving(ledger: Ledger) -> bool:
 
 
 def _coarse(study: Study) -> list[str]:
-    found = depth_resolution(study)
-    if not found or not (coarse := DepthResolution(**found).warning()):
+    resolution = depth_resolution(study)
+    if not resolution or not (coarse := DepthResolution(**resolution).warning()):
         return []
     return [f"The member that is resolved least has {coarse}."]
 
@@ -194,8 +194,8 @@ def depth_resolution(study: Study) -> dict[str, float]:
 
     They are read from ``run.json``; empty if it does not contain all of them.
     """
-    found = study.run.get("resolution", {})
-    return dict(found) if set(WORST) <= {*found, "smallest_feature", "least_thickness"} else {}
+    resolution = study.run.get("resolution", {})
+    return dict(resolution) if set(WORST) <= {*resolution, "smallest_feature", "least_thickness"} else {}
 
 
 def _unclosed(study: Study) -> list[str]:

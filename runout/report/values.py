@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.map_quantities import QUANTITIES, MapQuantity
+from runout.quantities import QUANTITIES, MapQuantity
 from runout.report.marks import INK
 from runout.report.wording import unit
 from runout.variables import VARIABLES

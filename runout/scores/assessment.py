@@ -90,14 +90,14 @@ def against_observations(
     at_gauges : mapping of str to ndarray (n,), optional
         Modelled values at the gauges by the names of their quantities; by default those of the maps.
     """
-    found = Assessment()
+    assessment = Assessment()
     if observed.outline is not None:
         quantity = "deposit" if observed.outline_shows == "deposit" else "thickness"
         for threshold in setting.thresholds:
             of = f"outline, {quantity_name(quantity)} of {threshold:g} m"
-            add_areas(found, of, flow.grid, flow.area(quantity, threshold), observed.shares, quantity, threshold, setting)
+            add_areas(assessment, of, flow.grid, flow.area(quantity, threshold), observed.shares, quantity, threshold, setting)
     if observed.deposit is not None:
-        add_maps(found, flow, Flow(flow.grid, {"deposit": observed.deposit}), "deposit", setting)
+        add_maps(assessment, flow, Flow(flow.grid, {"deposit": observed.deposit}), "deposit", setting)
     if observed.change is not None and change is not None:
         errors = change_errors(change, observed.change, flow.grid.cell_area, observed.detection_limit)
         parts = {"modelled": errors.change.modelled_sum, "observed": errors.change.observed_sum}
@@ -106,12 +106,12 @@ def against_observations(
             volumes |= {f"modelled_{name}_m3": part.modelled_sum, f"observed_{name}_m3": part.observed_sum}
         of = "DEM of difference"
         scores = scores_of("change", of, errors, "m", setting.bars.of_change(errors, observed.detection_limit))
-        found.add(of, scores, **volumes, unknown_cells=errors.change.unknown)
+        assessment.add(of, scores, **volumes, unknown_cells=errors.change.unknown)
     if observed.gauges is not None:
         modelled = values_at_gauges(flow, observed.gauges) if at_gauges is None else at_gauges
         for name, values in modelled.items():
-            add_points(found, name, values, observed.gauges.values[name], setting.bars)
-    return found
+            add_points(assessment, name, values, observed.gauges.values[name], setting.bars)
+    return assessment
 
 
 def quantity_name(quantity: str) -> str:
@@ -120,7 +120,7 @@ def quantity_name(quantity: str) -> str:
 
 
 def add_areas(
-    found: Assessment,
+    assessment: Assessment,
     of: str,
     grid: Any,
     modelled: np.ndarray,
@@ -132,20 +132,20 @@ def add_areas(
     """Scores of the area in which a quantity reaches a threshold; with a thalweg also those of front, sides and energy line."""
     table = contingency(modelled, observed, grid.cell_area)
     bars = setting.bars.of_contingency(table, BAR_MAPS.get(quantity, ""), threshold)
-    found.add(of, scores_of("area", of, table, bars=bars), **_areas(table))
+    assessment.add(of, scores_of("area", of, table, bars=bars), **_areas(table))
     if setting.thalweg is None or quantity not in THICKNESSES:
         return
     errors = thalweg_errors(setting.thalweg, grid.easting, grid.northing, modelled, observed, half_width=setting.half_width)
     fronts = {"modelled_front_m": errors.modelled_front, "observed_front_m": errors.observed_front}
     bars = setting.bars.of_thalweg(errors, table, BAR_MAPS[quantity], threshold)
-    found.add(of, scores_of("thalweg", of, errors, bars=bars), **fronts, cells_beyond_half_width=errors.outside)
+    assessment.add(of, scores_of("thalweg", of, errors, bars=bars), **fronts, cells_beyond_half_width=errors.outside)
     if setting.start is not None and setting.elevation is not None:
         ground = Ground(grid.easting, grid.northing, setting.elevation)
         of_front = setting.bars if quantity == "thickness" else NO_BARS
-        found.add(of, iter([energy_line_score(of, errors, setting.start, setting.thalweg, ground, of_front)]))
+        assessment.add(of, iter([energy_line_score(of, errors, setting.start, setting.thalweg, ground, of_front)]))
 
 
-def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, setting: Setting) -> None:
+def add_maps(assessment: Assessment, modelled: Flow, observed: Flow, quantity: str, setting: Setting) -> None:
     """Scores of a map against another one: its areas at all thresholds, and its values.
 
     The volume is that of a deposit: maxima over time and percentiles over members hold none.
@@ -154,7 +154,7 @@ def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, s
     for threshold in setting.thresholds:
         of = f"{quantity_name(quantity)} of {threshold:g} {units}"
         areas = modelled.area(quantity, threshold), observed.area(quantity, threshold)
-        add_areas(found, of, grid, *areas, quantity, threshold, setting)
+        add_areas(assessment, of, grid, *areas, quantity, threshold, setting)
     volume = quantity == "deposit" and setting.has_volume and not (modelled.is_percentile or observed.is_percentile)
     area = setting.surface if volume and setting.surface is not None else grid.cell_area
     errors = field_errors(modelled.maps[quantity], observed.maps[quantity], area)
@@ -162,17 +162,17 @@ def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, s
     if volume:
         counts |= {"modelled_volume_m3": errors.modelled_sum, "observed_volume_m3": errors.observed_sum}
     of = f"{quantity_name(quantity)}, whole map"
-    found.add(of, field_scores(of, errors, units, volume, setting.bars, BAR_MAPS.get(quantity, "")), **counts)
-    found.add(of, scores_of("maps", of, Pair(modelled.maps[quantity], observed.maps[quantity], area), units))
+    assessment.add(of, field_scores(of, errors, units, volume, setting.bars, BAR_MAPS.get(quantity, "")), **counts)
+    assessment.add(of, scores_of("maps", of, Pair(modelled.maps[quantity], observed.maps[quantity], area), units))
 
 
-def add_arrivals(found: Assessment, modelled: Flow, observed: Flow, bars: ErrorBars = NO_BARS) -> None:
+def add_arrivals(assessment: Assessment, modelled: Flow, observed: Flow, bars: ErrorBars = NO_BARS) -> None:
     """Scores of a map of arrival times against another one, on the cells that both know."""
     pair = [flow.maps["arrival"].ravel() for flow in (modelled, observed)]
     both = arrival_errors(pair[0], np.where(np.isfinite(pair[1]), pair[1], np.nan))
     counts = {"cells": both.points, "missed_cells": both.missed}
     half = bars.of_arrival(both.points + both.missed)
-    found.add("arrival, whole map", scores_of("arrival", "arrival, whole map", both, bars=half), **counts)
+    assessment.add("arrival, whole map", scores_of("arrival", "arrival, whole map", both, bars=half), **counts)
 
 
 def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
@@ -185,16 +185,16 @@ def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
     }
 
 
-def add_points(found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray, bars: ErrorBars = NO_BARS) -> None:
+def add_points(assessment: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray, bars: ErrorBars = NO_BARS) -> None:
     """Scores of a quantity at gauges."""
     of = f"gauges, {name.replace('_', ' ')}"
     if name == "arrival_time":
         errors = arrival_errors(modelled, observed)
-        made = scores_of("arrival", of, errors, bars=bars.of_arrival(errors.points + errors.missed))
+        scores = scores_of("arrival", of, errors, bars=bars.of_arrival(errors.points + errors.missed))
     else:
         errors = point_errors(modelled, observed)
-        made = scores_of("points", of, errors, POINT_UNITS[name], bars.at_points(BAR_MAPS[name]))
-    found.add(of, made, points=errors.points, unknown_points=errors.unknown)
+        scores = scores_of("points", of, errors, POINT_UNITS[name], bars.at_points(BAR_MAPS[name]))
+    assessment.add(of, scores, points=errors.points, unknown_points=errors.unknown)
 
 
 def _areas(table: Contingency) -> dict[str, float]:

@@ -18,11 +18,10 @@ from runout.scores.grid import Grid, common_grid, placed, resampled
 from runout.scores.members import Member, Probabilities, add_brier, ranked, scored_members, valid_members
 from runout.scores.observations import Observations
 from runout.scores.outline import outline_shares
-from runout.scores.products import Product, Reading, member_product, read_product
+from runout.scores.products import Product, Reading, VectorContent, member_product, read_product, read_vector
 from runout.scores.read import Nodata, read_thalweg, where_dry
 from runout.scores.scoring import NO_BARS, scores_of
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
-from runout.scores.vector_product import VectorContent, read_vector
 
 DEFAULT_THRESHOLDS = (0.1, 0.5, 1.0)
 NO_AREA = ("change", "arrival")  # quantities without an area of a threshold
@@ -92,25 +91,26 @@ class Comparison:
     Attributes
     ----------
     a, b : Product
-        As read.
+        Both products, on their own grids.
     grid : Grid
         Common cells.
     flows : tuple of Flow
-        Maps of both on the common cells; that of an outline or of points holds none. Of an ensemble against one flow they are
+        Maps of both on the common cells. An outline or points have no maps. If an ensemble is compared with one flow, its maps are
         those of its best member.
     elevation, release : ndarray (rows, columns) or None
-        Of the product that has them [m].
+        Elevation of the ground and thickness of the release [m], of the product that has them.
     vector : VectorContent or None
         Outline or points.
     found : Assessment
-        Scores of ``a`` against ``b``; of an ensemble against one flow those of the areas that a share of its members reaches.
+        Scores of ``a`` against ``b``. If an ensemble is compared with one flow, they score the area that a share of its members
+        reaches.
     members : tuple of Member
         Members of the ensemble, from the best to the worst; empty unless one of the two is an ensemble with its members.
     ranked_by : str
-        What ranks them.
+        Score that ranks the members.
     thresholds : tuple of float
     changes : tuple of str
-        What was changed on the way in.
+        Sentences on changes that the readers made.
     setting : Setting
     slope_normal : bool
         Whether thickness is normal to the slope.
@@ -147,8 +147,8 @@ class Comparison:
         """Map of the first minus that of the second (rows, columns); NaN where one is unknown, or one has no arrival."""
         one, other = (flow.maps[quantity] for flow in self.flows)
         with np.errstate(invalid="ignore"):
-            found = one - other
-        return np.where(np.isfinite(found), found, np.nan)
+            difference = one - other
+        return np.where(np.isfinite(difference), difference, np.nan)
 
 
 def compare(first: Path, second: Path, choices: Choices) -> Comparison:
@@ -187,16 +187,16 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
         changes += placed(b.flow.grid, grid).sentences
     ground, release = _ground(a, b, grid, choices.dem)
     flows = _flows(a, b, grid, ground if choices.slope_normal else None, choices)
-    setting, said = _setting(a, b, grid, ground, release, choices)
+    setting, notes = _setting(a, b, grid, ground, release, choices)
     scored = _Scored(flows, Assessment())
     if _one_ensemble(a, b) is not None:
         scored = _by_members((a, b), flows, vector, setting, ground, choices)
     else:
         changes += [BOTH_ENSEMBLES] if a.kind == b.kind == "ensemble" else []
         scored.found = _assessed(flows, vector, setting, choices)
-    said = tuple(dict.fromkeys((*changes, *said, *scored.said)))
+    notes = tuple(dict.fromkeys((*changes, *notes, *scored.notes)))
     return Comparison(
-        a, b, grid, scored.flows, ground, release, vector, scored.found, tuple(setting.thresholds), setting, said,
+        a, b, grid, scored.flows, ground, release, vector, scored.found, tuple(setting.thresholds), setting, notes,
         choices.slope_normal, scored.members, scored.ranked_by,
     )  # fmt: skip
 
@@ -209,7 +209,7 @@ class _Scored:
     found: Assessment
     members: tuple[Member, ...] = ()
     ranked_by: str = ""
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def _one_ensemble(a: Product, b: Product) -> int | None:
@@ -231,7 +231,7 @@ def _by_members(
     grid, results = flows[place].grid, products[place].path.parent
     members = valid_members(results)
     if not members:
-        return _Scored(flows, _assessed(flows, vector, setting, choices), said=(NO_MEMBERS.format(results=results),))
+        return _Scored(flows, _assessed(flows, vector, setting, choices), notes=(NO_MEMBERS.format(results=results),))
     probabilities = Probabilities()
 
     def pair(path: Path) -> tuple[Flow, Flow]:
@@ -247,8 +247,8 @@ def _by_members(
     scored, ranked_by = ranked(list(scored_members(members, assess)))
     whole = replace(flows[place], probabilities=probabilities.shares)
     both = (whole, flows[1]) if place == 0 else (flows[0], whole)
-    found = _assessed(both, vector, setting, choices, may_be_empty=True)
-    return _Scored(pair(scored[0].path), found, scored, ranked_by, tuple(probabilities.unlike_members(whole)))
+    assessment = _assessed(both, vector, setting, choices, may_be_empty=True)
+    return _Scored(pair(scored[0].path), assessment, scored, ranked_by, tuple(probabilities.unlike_members(whole)))
 
 
 def _keys(maps: Mapping[str, np.ndarray], setting: Setting, choices: Choices) -> list[tuple[str, float]]:
@@ -317,15 +317,15 @@ def _setting(
     of_site = next((one.thresholds for one in (a, b) if one.thresholds), DEFAULT_THRESHOLDS)
     thresholds = tuple(sorted(set(choices.thresholds))) or (of_site if choices.quantity in (None, *THICKNESSES) else ())
     place = grid.terrain() if ground is None or not np.isfinite(ground).any() else replace(grid.terrain(), elevation=ground)
-    thalweg, said = read_thalweg(choices.thalweg, place) if choices.thalweg else (None, ())
+    thalweg, notes = read_thalweg(choices.thalweg, place) if choices.thalweg else (None, ())
     start = None
     if thalweg is not None and ground is not None and release is not None:
         start = release_point(grid.easting, grid.northing, ground, release)
-    found = Setting(thresholds, a.bars, thalweg, start, ground, choices.half_width)
+    setting = Setting(thresholds, a.bars, thalweg, start, ground, choices.half_width)
     if choices.slope_normal:
         surface = None if ground is None else grid.cell_area / np.cos(terrain_slope(ground, grid.cell_size))
-        found = replace(found, bars=NO_BARS, surface=surface, has_volume=surface is not None)
-    return found, said
+        setting = replace(setting, bars=NO_BARS, surface=surface, has_volume=surface is not None)
+    return setting, notes
 
 
 def _assessed(
@@ -333,34 +333,34 @@ def _assessed(
 ) -> Assessment:
     """Scores of the first flow against the second, or against an outline or points."""
     modelled, observed = flows
-    found, grid = Assessment(), modelled.grid
+    assessment, grid = Assessment(), modelled.grid
     if vector is not None and vector.gauges is not None:
-        found = against_observations(modelled, Observations(grid, gauges=vector.gauges), setting)
+        assessment = against_observations(modelled, Observations(grid, gauges=vector.gauges), setting)
     elif vector is not None:
         quantity = _outlined(modelled.maps, choices)
         shares = outline_shares(vector.outline, grid)
         for threshold in setting.thresholds or DEFAULT_THRESHOLDS:
             of = f"outline, {quantity_name(quantity)} of {threshold:g} {UNITS[quantity]}"
-            _add_areas(found, of, flows, shares, (quantity, threshold), setting)
+            _add_areas(assessment, of, flows, shares, (quantity, threshold), setting)
     else:
         for quantity in _common(flows, choices):
-            _add_quantity(found, modelled, observed, quantity, setting, choices)
-    if not found.scores and not may_be_empty:
+            _add_quantity(assessment, modelled, observed, quantity, setting, choices)
+    if not assessment.scores and not may_be_empty:
         raise ObservationError(NOTHING_IN_AREAS if any(flow.is_percentile for flow in flows) else "the two have nothing in common")
-    return found
+    return assessment
 
 
 def _add_areas(
-    found: Assessment, of: str, flows: tuple[Flow, Flow], shares: np.ndarray | None, key: tuple[str, float], setting: Setting
+    assessment: Assessment, of: str, flows: tuple[Flow, Flow], shares: np.ndarray | None, key: tuple[str, float], setting: Setting
 ) -> None:
     """Scores of the area of a threshold against ``shares``, or that of the second flow; of an ensemble those of its probability."""
     place = next((k for k, flow in enumerate(flows) if flow.is_percentile), None)
     modelled, observed = flows[0].area(*key), flows[1].area(*key) if shares is None else shares
     if place is not None:
         of = f"{of} with P >= {flows[place].probability:g}"
-    add_areas(found, of, flows[0].grid, modelled, observed, *key, setting)
+    add_areas(assessment, of, flows[0].grid, modelled, observed, *key, setting)
     if place is not None and key in flows[place].probabilities:
-        add_brier(found, of, flows[place].probabilities[key], modelled if place else observed)
+        add_brier(assessment, of, flows[place].probabilities[key], modelled if place else observed)
 
 
 def _outlined(maps: Mapping[str, np.ndarray], choices: Choices) -> str:
@@ -375,43 +375,47 @@ def _common(flows: tuple[Flow, Flow], choices: Choices) -> list[str]:
     both = [name for name in UNITS if all(name in flow.maps for flow in flows)]
     chosen = [name for name in both if choices.quantity in (None, name)]
     if not chosen:
-        held = " and ".join(f"[{', '.join(flow.maps) or 'none'}]" for flow in flows)
-        wanted = f"the quantity {choices.quantity}" if choices.quantity else "a quantity"
-        raise ObservationError(f"the two do not share {wanted}: they have {held}; choose one that both have with --quantity")
+        quantities = " and ".join(f"[{', '.join(flow.maps) or 'none'}]" for flow in flows)
+        missing = f"the quantity {choices.quantity}" if choices.quantity else "a quantity"
+        raise ObservationError(f"the two do not share {missing}: they have {quantities}; choose one that both have with --quantity")
     known = [(~np.isnan(flows[0].maps[name]) & ~np.isnan(flows[1].maps[name])).any() for name in chosen]
     if not any(known):
         raise ObservationError(f"{chosen[0]}: no cell is known in both of the two; check nodata, or declare it dry: --nodata zero")
     return chosen
 
 
-def _add_quantity(found: Assessment, a: Flow, b: Flow, quantity: str, setting: Setting, choices: Choices) -> None:
+def _add_quantity(assessment: Assessment, a: Flow, b: Flow, quantity: str, setting: Setting, choices: Choices) -> None:
     if a.is_percentile != b.is_percentile:  # values of percentiles are those of no member
         for key in _keys({quantity: a.maps[quantity]}, setting, choices):
-            _add_areas(found, f"{quantity_name(quantity)} of {key[1]:g} {UNITS[quantity]}", (a, b), None, key, setting)
+            _add_areas(assessment, f"{quantity_name(quantity)} of {key[1]:g} {UNITS[quantity]}", (a, b), None, key, setting)
     elif quantity == "arrival":
-        add_arrivals(found, a, b, setting.bars)
+        add_arrivals(assessment, a, b, setting.bars)
     elif quantity == "change":
         limit = min(choices.thresholds, default=0.0)
         errors = change_errors(a.maps[quantity], b.maps[quantity], a.grid.cell_area, limit)
         scores = scores_of("change", "change of elevation", errors, "m", setting.bars.of_change(errors, limit))
-        found.add("change of elevation", scores, unknown_cells=errors.change.unknown)
+        assessment.add("change of elevation", scores, unknown_cells=errors.change.unknown)
     else:
         own = quantity in THICKNESSES or quantity == choices.quantity
-        add_maps(found, a, b, quantity, setting if own else replace(setting, thresholds=()))
+        add_maps(assessment, a, b, quantity, setting if own else replace(setting, thresholds=()))
 
 
-def summary(found: Comparison) -> dict[str, Any]:
+def summary(comparison: Comparison) -> dict[str, Any]:
     """Content of ``comparison.json``."""
-    grid = found.grid
+    grid = comparison.grid
     return {
-        "a": {"path": str(found.a.path), "kind": found.a.kind},
-        "b": {"path": str(found.b.path), "kind": found.vector.kind if found.vector else found.b.kind},
+        "a": {"path": str(comparison.a.path), "kind": comparison.a.kind},
+        "b": {"path": str(comparison.b.path), "kind": comparison.vector.kind if comparison.vector else comparison.b.kind},
         "grid": {"cell_size": list(grid.cell_size), "rows_columns": list(grid.shape), "extent": list(grid.extent)},
-        "thresholds": list(found.thresholds),
-        "probability": found.flows[0].probability,
-        "thickness": "normal to the slope" if found.slope_normal else "vertical",
-        "energy_line_from": "top of the release" if found.setting.start else None,
-        "changes": list(found.changes),
-        **found.found.stored(),
-        **({"ranked_by": found.ranked_by, "members": [one.stored() for one in found.members]} if found.members else {}),
+        "thresholds": list(comparison.thresholds),
+        "probability": comparison.flows[0].probability,
+        "thickness": "normal to the slope" if comparison.slope_normal else "vertical",
+        "energy_line_from": "top of the release" if comparison.setting.start else None,
+        "changes": list(comparison.changes),
+        **comparison.found.stored(),
+        **(
+            {"ranked_by": comparison.ranked_by, "members": [one.stored() for one in comparison.members]}
+            if comparison.members
+            else {}
+        ),
     }

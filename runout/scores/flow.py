@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from runout.errors import ObservationError
-from runout.map_quantities import ARRIVAL, QUANTITIES
+from runout.quantities import ARRIVAL, QUANTITIES
 from runout.scores.contingency import reached
 from runout.scores.grid import Grid, resampled
 

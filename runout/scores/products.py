@@ -1,9 +1,10 @@
 """Reads what is compared: results of a site, members, rasters, outlines and points."""
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,19 +13,26 @@ from runout.forecast.numerical_error import read_convergence
 from runout.io import netcdf
 from runout.io.boundary import exists
 from runout.io.member_maps import read_maps
-from runout.io.opening import open_netcdf
-from runout.map_quantities import ARRIVAL_PERCENTILE
+from runout.io.opening import open_netcdf, open_raster
+from runout.io.polygons import read_frame
+from runout.io.units import OTHER_UNITS, factor_to, is_stated
+from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL_PERCENTILE, QUANTITIES
 from runout.scores.error_bars import ErrorBars
-from runout.scores.flow import OF_ENSEMBLE, OF_MEMBER, Flow, percentile_of
+from runout.scores.flow import IN_FILES, OF_ENSEMBLE, OF_MEMBER, TITLES, Flow, percentile_of
+from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.points import arrival_or_never
-from runout.scores.raster_quantity import raster_quantity
-from runout.scores.read import Nodata, read_map
+from runout.scores.read import Nodata, observation_errors, read_gauges, read_map, read_outline
 
 if TYPE_CHECKING:
     import xarray as xr
 
 VECTORS = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".gdb")
+NAMED = {name: name for name in (*QUANTITIES, "arrival", "change") if name != "thickness"}  # by words of the names of files
+NAMED |= {"deposits": "deposit", "deposition": "deposit", "velocity": "speed", "dod": "change"}
+THICK = {"thickness", "depth", "flow"}  # a flow's, unless another word is there
+OTHER = {"probability", "exceedance", "error", "difference"}  # maps of which no score is made
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,20 @@ class Product:
         return self.kind in ("ensemble", "member")
 
 
+@dataclass(frozen=True)
+class VectorContent:
+    """An outline (shapely, map coordinates) or gauges, and what was changed on the way in."""
+
+    outline: Any = None
+    gauges: Gauges | None = None
+    changes: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """ "outline" or "points"."""
+        return "outline" if self.gauges is None else "points"
+
+
 def read_product(path: Path, reading: Reading) -> Product:
     """What a path holds: a site or results folder, ``hazard.nc``, the file of a member or of :func:`runout.simulate`, or a raster.
 
@@ -112,6 +134,34 @@ def _of_raster(path: Path, reading: Reading) -> Product:
     values, grid, changes = read_map(path, reading.nodata, quantity=quantity)
     flow = Flow(grid, {quantity: values}, probability=reading.probability)
     return Product(path, "raster", flow, changes=(*said, *changes))
+
+
+def raster_quantity(path: Path) -> tuple[str, tuple[str, ...]]:
+    """Name in :data:`runout.scores.flow.UNITS` of what a raster shows, and a sentence where neither name nor unit says it.
+
+    Raises
+    ------
+    ObservationError
+        If its name says several quantities, or a map of which no score is made.
+    """
+    words = set(re.split(r"[^a-z]+", path.stem.lower()))
+    named = {quantity for name, quantity in NAMED.items() if words.issuperset(name.split("_"))}
+    if len(named) > 1 or words & OTHER:
+        shown = " and ".join(sorted(named if len(named) > 1 else words & OTHER))
+        raise ObservationError(f"{path}: its name says {shown}; state what it shows with --quantity")
+    quantity = next(iter(named), "thickness" if words & THICK else _by_unit(path))
+    if quantity is not None:
+        return quantity, ()
+    note = f"{path}: taken as {TITLES['thickness']}, since neither name nor unit says what it shows; --quantity states it."
+    return "thickness", (note,)
+
+
+def _by_unit(path: Path) -> str | None:
+    """The one quantity that has the unit of a raster; None without a unit, or if several have it."""
+    with open_raster(path, ObservationError) as file:
+        unit = file.units[0] if file.units else None
+    fitting = [name for name, si in IN_FILES.items() if si in OTHER_UNITS and is_stated(unit) and factor_to(si, unit)]
+    return fitting[0] if len(fitting) == 1 else None
 
 
 def _of_folder(path: Path, reading: Reading) -> Product:
@@ -179,3 +229,29 @@ def _of_member(path: Path, member: "xr.Dataset") -> Product:
 
 def _bars(results: Path) -> ErrorBars:
     return ErrorBars(read_convergence(results))
+
+
+def read_vector(path: Path, terrain: Terrain, layer: str | None = None) -> VectorContent:
+    """Outline of the polygons of a file, or its points with the attributes that are named as quantities.
+
+    Raises
+    ------
+    ObservationError
+        If it holds lines, several kinds of geometries, or points without such attributes.
+    """
+    with observation_errors():
+        frame, _ = read_frame(path, layer, "observation")
+    kinds = {str(geometry.geom_type).removeprefix("Multi") for geometry in frame.geometry if geometry is not None}
+    if kinds == {"Polygon"}:
+        outline, changes = read_outline(path, terrain, layer)
+        return VectorContent(outline, None, changes)
+    if kinds != {"Point"}:
+        held = " and ".join(sorted(kinds)) or "no geometries"
+        remedy = "a thalweg goes to --thalweg" if kinds == {"LineString"} else "write one kind into a file"
+        raise ObservationError(f"{path}: holds {held}; an outline is polygons, gauges are points, {remedy}")
+    named = {name: name for name in POINT_UNITS if name in frame.columns}
+    if not named:
+        have = ", ".join(map(str, frame.columns.drop(frame.geometry.name))) or "none"
+        raise ObservationError(f"{path}: its points have none of the attributes {', '.join(POINT_UNITS)}; they have: {have}")
+    gauges, changes = read_gauges(path, terrain, named, layer)
+    return VectorContent(None, gauges, changes)

@@ -12,8 +12,8 @@ import numpy as np
 from runout.errors import DemError, ObservationError, ReleaseError
 from runout.io.polygon_reproject import polygons_on_terrain
 from runout.io.polygons import PolygonLayer, read_frame, read_polygons
-from runout.map_quantities import QUANTITIES
 from runout.model.terrain import Terrain
+from runout.quantities import QUANTITIES
 from runout.scores.flow import IN_FILES, OF_MEMBER
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid

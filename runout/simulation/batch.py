@@ -124,26 +124,26 @@ class _Job:
     def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
         """Scene and particles from arguments of :func:`runout.simulate`."""
         started = clock.perf_counter()
-        given = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
-        release = given["release"]
-        given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
-        times = tuple(sorted(given.pop("snapshot_times", ())))
-        probes = given.pop("probes", None)
+        options = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
+        release = options["release"]
+        options |= choices(options.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), options)
+        times = tuple(sorted(options.pop("snapshot_times", ())))
+        probes = options.pop("probes", None)
         control = RunControl(
-            given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times,
-            force_interval=given.pop("force_interval", None), snapshot_particles=given.pop("snapshot_particles", 0),
-            probes=probes.on(given["terrain"]) if probes else None,
+            options.pop("end_time"), options.pop("stop", True), options.pop("arrival_threshold", 0.1), times,
+            force_interval=options.pop("force_interval", None), snapshot_particles=options.pop("snapshot_particles", 0),
+            probes=probes.on(options["terrain"]) if probes else None,
         )  # fmt: skip
-        found: list[Extent] = []
-        if unknown := given.keys() - scene_arguments(given).keys() - Numerics.names():
+        extents: list[Extent] = []
+        if unknown := options.keys() - scene_arguments(options).keys() - Numerics.names():
             raise TypeError(f"a scenario has the argument {min(unknown)!r}, which runout.simulate does not have")
-        scene, made = build_scene(**scene_arguments(given), accept=found.append, in_chunks=True)
-        particles = CompactParticles.of(made, scene.densities, scene.dtype)
-        sizes = found[0].particles, found[0].nodes_on_device
+        scene, releases_in_chunks = build_scene(**scene_arguments(options), accept=extents.append, in_chunks=True)
+        particles = CompactParticles.of(releases_in_chunks, scene.densities, scene.dtype)
+        sizes = extents[0].particles, extents[0].nodes_on_device
         needed = bytes_on_device(*sizes, scene.precision, scene.structures, scene.basal.law, scene.basal.mixed, scene.substeps)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
-        named = named_structures(given.get("structures"))
-        return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, named)
+        structures = named_structures(options.get("structures"))
+        return cls(number, options["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, structures)
 
 
 class _Launch:
@@ -301,16 +301,16 @@ class _Together:
             if self.todo[k] == 0:
                 self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)
         count = self._stretch(sorted(running))
-        taken = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
+        transfers = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
         done = [planned - todo for planned, todo in zip(self.planned, self.todo, strict=True)]
-        looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= taken[k]] for k in running}
+        looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= transfers[k]] for k in running}
         going_on = [k for k in running if done[k]]
         dt, look = [run.dt for run in self.runs], lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
-        self.batch.advance(dt, taken, looks, look, going_on, [run.substeps for run in self.runs])
+        self.batch.advance(dt, transfers, looks, look, going_on, [run.substeps for run in self.runs])
         self.rows = []
         for k in running:
-            self.todo[k] -= taken[k]
-            self.runs[k].engine.counters.add(self.runs[k].substeps, 0, taken[k])
+            self.todo[k] -= transfers[k]
+            self.runs[k].engine.counters.add(self.runs[k].substeps, 0, transfers[k])
         for k in sorted(running):
             if self.todo[k] == 0 and not self.batch.failure(k):
                 self.runs[k].arrive(self.planned[k])
@@ -333,6 +333,6 @@ class _Together:
         if not run.reason:
             return None
         run.seconds = clock.perf_counter() - self.started
-        found = run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
-        _ = found.state  # before the scene leaves the device
-        return found
+        result = run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
+        _ = result.state  # before the scene leaves the device
+        return result

@@ -23,9 +23,9 @@ from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.io import source_code
 from runout.io.atomic import whole_file
-from runout.map_quantities import member_map_names
 from runout.model.particle_source import ParticleSource
 from runout.model.scene import Scene
+from runout.quantities import member_map_names
 
 LOGGER = logging.getLogger(__name__)
 FORMAT = 12  # version of the file; increase it when the meaning of a state changes
@@ -120,8 +120,8 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
     arrays = [ground.surface.coefficients, ground.change] if ground else []
     if scene.friction_zones:
         zones = scene.friction_zones
-        stated = [changes[name] for changes in (zones.replaced, zones.gridded) for name in sorted(changes)]
-        arrays += [zones.factor, zones.coefficient, *chain.from_iterable(stated)]
+        changes_of_zones = [changes[name] for changes in (zones.replaced, zones.gridded) for name in sorted(changes)]
+        arrays += [zones.factor, zones.coefficient, *chain.from_iterable(changes_of_zones)]
     if scene.unknown is not None:
         arrays += [scene.unknown]
     if scene.structures:

@@ -9,10 +9,10 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
-from runout.map_quantities import member_map_names, peak_quantities
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Structures
+from runout.quantities import member_map_names, peak_quantities
 from runout.simulation.structure_forces import StructureForces
 
 THICKNESS = 0  # of the peaks
@@ -33,13 +33,13 @@ class PeakMaps:
         Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
         over the raster. :meth:`maps` are on the raster.
     peaks : (quantities, rows, columns)
-        Those of :func:`runout.map_quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
+        Largest values of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
     arrival : (rows, columns)
-        [s], NaN where nothing has arrived.
+        Time of arrival [s]; NaN where nothing has arrived.
     thickness : (rows, columns)
-        That of all volume at the last observation [m], single particles included.
+        Thickness of all volume at the last observation [m], single particles included.
     window : (4,)
-        First row and column, and one past the last, outside of which that is zero.
+        First row and column, and one past the last; outside of them that thickness is zero.
     """
 
     scene: Scene
@@ -128,16 +128,16 @@ class ParticleSample:
 
     @classmethod
     def of(cls, particles: int, most: int) -> "ParticleSample":
-        """Sample of at most ``most`` of so many particles."""
+        """Sample of at most ``most`` particles from a number of ``particles``."""
         stride = -(-particles // most) if most else 1
         return cls(-(-particles // stride) if most else 0, max(1, stride))
 
     def take(self, particles: Particles, spacing: tuple[float, float, float]) -> np.ndarray:
         """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain."""
-        found = particles.take(particles.identity % self.stride == 0)
+        sample = particles.take(particles.identity % self.stride == 0)
         frame = np.full((self.size, 4), np.nan, np.float32)
-        speed = np.linalg.norm(found.velocity, axis=1)
-        frame[found.identity // self.stride] = np.column_stack([found.position(np.array(spacing)), speed])
+        speed = np.linalg.norm(sample.velocity, axis=1)
+        frame[sample.identity // self.stride] = np.column_stack([sample.position(np.array(spacing)), speed])
         return frame
 
 
@@ -215,7 +215,7 @@ class Ledger:
         return series | self._sparsity(series["active_blocks"])
 
     def _sparsity(self, active: np.ndarray) -> dict[str, np.ndarray]:
-        """Nodes of the active blocks, and those of the smallest box around them over these; NaN without any."""
+        """Number of nodes of the active blocks, and the nodes of their bounding box over that number; NaN without active blocks."""
         boxes = np.array([row.box_blocks for row in self.rows], float)
         return {"active_nodes": BLOCK_NODES * active, "sparsity": np.where(active > 0, boxes / np.maximum(active, 1), np.nan)}
 

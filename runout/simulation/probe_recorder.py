@@ -1,31 +1,31 @@
 """Observer of a run that records time series at points and cross-sections, from the same columns as the maps.
 
 A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
-summed over every observation of the run: the momentum of the particles over their density, each a box of one grid cell, bilinear
-between the cells of the lattice. Footprints of maps follow the number of particles around, so that a sum over them is no balance;
-boxes only move. Widths and depths are those of the maps: of the volume that flows. Particles arrive where they are with the
-velocity of their last step: the flux of that step is that of the boxes half a step upstream.
+summed over all observations of the run. The flux is the momentum of the particles over their density. Each particle is a box of one
+grid cell, bilinear between the cells of the lattice. The footprints of the maps are not used: their size follows the number of
+particles around, so that a sum over them does not balance. Boxes only move. Widths and depths are those of the maps, which count
+the volume that flows. A particle has come to its place with the velocity of its last step. So the flux of that step is taken from
+the boxes half a step upstream.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from runout.backends import footprints
-from runout.backends.compile import array_binding, rebound
+from runout.backends.compile import array_binding
 from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
-from runout.map_quantities import ARRIVAL, peak_quantities
 from runout.model.probe_series import ProbeSeries
 from runout.model.probes import CrossSection, Probe, Probes, cell_of
 from runout.model.scene import Scene
+from runout.model.shared_subset import for_arrays
 from runout.model.terrain import Terrain
+from runout.quantities import ARRIVAL, peak_quantities
 
 PIECES = 4  # pieces of a line in the shorter side of a cell
 TINY = np.finfo(float).tiny
-OF_ARRAYS = {"math": np, "min": np.minimum, "max": np.maximum, "abs": np.abs}  # what names in a formula of a quantity mean
 AROUND = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)]).T  # a cell and its neighbours, (2, 9)
 DISCHARGE, PASSED, WIDTH, DEPTH = "discharge", "passed_volume", "flow_width", "largest_thickness"
 OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; flux, width, largest thickness
@@ -68,13 +68,13 @@ class Pieces:
 
 
 class ProbeRecorder:
-    """Records what passes the probes at every observation of a run.
+    """Records the flow at points and through cross-sections at every observation of a run.
 
     Parameters
     ----------
     scene : Scene
     probes : Probes
-        In local coordinates, see :meth:`runout.model.probes.Probes.on`.
+        Probes in local coordinates, see :meth:`runout.model.probes.Probes.on`.
     arrival_threshold : float
         Thickness [m] from which a column has a speed, and a line is covered.
     on_lattice : bool
@@ -179,8 +179,7 @@ class ProbeRecorder:
         depth, speed, density = np.moveaxis(rows, 1, 0)
         moving, series = depth >= self.arrival_threshold, {}
         for quantity in peak_quantities():
-            formula: Any = quantity.formula
-            values = rebound(formula, OF_ARRAYS, {})(depth, speed, density)
+            values = for_arrays(quantity.formula)(depth, speed, density)
             if quantity.stem == "flow_thickness":
                 series[quantity.stem] = _resampled(values, known, time)
             else:
@@ -206,11 +205,11 @@ Cells = tuple[np.ndarray, np.ndarray, np.ndarray]  # numbers of their probes (n,
 def _at(lanes: Sequence[np.ndarray], row: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Values (lanes, n) of each of the ``lanes`` (rows, columns) in cells; 0 beyond them."""
     rows, columns = lanes[0].shape
-    found, inside = np.zeros((len(lanes), len(row))), (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    values, inside = np.zeros((len(lanes), len(row))), (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     at = row[inside], column[inside]
     for k, lane in enumerate(lanes):
-        found[k, inside] = lane[at]
-    return found
+        values[k, inside] = lane[at]
+    return values
 
 
 def _joined(several: list[tuple[np.ndarray, np.ndarray]]) -> Cells:
@@ -241,18 +240,18 @@ def _lengths(line: CrossSection, cell: tuple[float, float], shape: tuple[int, in
     """Cells (row from the south, column) (2, n) that a line crosses, and its length in each [m]."""
     places, _, lengths = line.samples(min(cell) / PIECES)
     column, row = (np.clip((places[:, d] / cell[d]).astype(np.int64), 0, shape[1 - d] - 1) for d in (0, 1))
-    found, owner = np.unique(row * shape[1] + column, return_inverse=True)
-    return np.stack(np.divmod(found, shape[1])), np.bincount(owner, lengths, len(found))
+    cells, owner = np.unique(row * shape[1] + column, return_inverse=True)
+    return np.stack(np.divmod(cells, shape[1])), np.bincount(owner, lengths, len(cells))
 
 
-def _resampled(values: np.ndarray, known: np.ndarray, time: np.ndarray, at_rest: float | None = None) -> np.ndarray:
-    """Values (n, times) at times from those (observations, n) at ``known`` times; after the last ``at_rest``, or the last value."""
+def _resampled(values: np.ndarray, observed: np.ndarray, time: np.ndarray, at_rest: float | None = None) -> np.ndarray:
+    """Values (n, times) from those (observations, n) at ``observed`` times; after the last one ``at_rest``, or the last value."""
     if not values.shape[1]:
         return np.zeros((0, len(time)))
-    found = np.stack([np.interp(time, known, series) for series in values.T])
+    resampled = np.stack([np.interp(time, observed, series) for series in values.T])
     if at_rest is not None:
-        found[:, time > known[-1] * (1 + 1e-9)] = at_rest
-    return found
+        resampled[:, time > observed[-1] * (1 + 1e-9)] = at_rest
+    return resampled
 
 
 def _at_cells(points: tuple[Probe, ...], terrain: Terrain, maps: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -78,8 +78,8 @@ class Result:
 
         The backend holds them until they are first asked for, or until there is no result any more.
         """
-        found, self.bring = self.bring(), _nothing
-        return found
+        particles, self.bring = self.bring(), _nothing
+        return particles
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "state": self.state, "bring": _nothing}

@@ -91,8 +91,8 @@ class Run:
         self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
-        wanted = control.probes
-        self.probes = ProbeRecorder(scene, wanted, control.arrival_threshold, on_lattice) if wanted else None
+        probes = control.probes
+        self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
         self.ledger, self.rest = Ledger(), AtRest()
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
@@ -154,7 +154,7 @@ class Run:
         return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
 
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
-        """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
+        """Result of the run so far, after ``setup`` [s] of preparation; with ``brought`` it has the particles as they are."""
         maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
         fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps}
         return Result(
@@ -208,7 +208,7 @@ class Run:
         return count
 
     def _end_series(self, steps: int = 0) -> None:
-        """End the series so many ``steps`` from now; the next step is looked at, since planned looks have not been made."""
+        """End the series ``steps`` transfers from now. The next transfer updates the maps, since planned updates are left out."""
         self.planned, self.due = self.made + steps, self.begun
 
     def begin(self) -> None:
@@ -272,7 +272,7 @@ class Run:
         return math.ceil((time - self.begun) / self.length - 1e-9)
 
     def _time_after(self, steps: int) -> float:
-        """Time [s] after so many more transfers; equal bit by bit however the series is interrupted."""
+        """Time [s] after ``steps`` more transfers; all bits are the same however often the series is interrupted."""
         return self.begun + self.length * (self.made + steps)
 
     def _steps_before_snapshot(self) -> int:
@@ -285,14 +285,14 @@ class Run:
         return 1
 
     def _bearable(self, most: int) -> int:
-        """At most so many transfers of the present length, which stay stable while gravity speeds up the fastest particle."""
+        """Number of transfers, at most ``most``, that stay stable while gravity speeds up the fastest particle."""
         fall = self.length * float(np.linalg.norm(self.scene.gravity))
         while most > 1 and not self.scene.bears(self.dt, self.engine.max_speed + (most - 1) * fall):
             most = 3 * most // 4
         return most
 
     def look(self, step: int, columns: RasterSums) -> None:
-        """Update the maps with the columns after a step of those planned."""
+        """Update the maps with the columns after one of the planned transfers."""
         started, scene = clock.perf_counter(), self.scene
         if not self.peaks.on_lattice:
             columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))

@@ -58,9 +58,9 @@ def build_scene(
     if particles_per_cell is None:
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
-    given = [r.material or material for r in releases]
-    strength = basal_strength.strengths(given, spacing[2])
-    materials = stiffness.chosen_moduli(given, releases, frictions, strength, friction_zones)
+    stated_materials = [r.material or material for r in releases]
+    strength = basal_strength.strengths(stated_materials, spacing[2])
+    materials = stiffness.chosen_moduli(stated_materials, releases, frictions, strength, friction_zones)
     for r, m in zip(releases, materials, strict=True):
         m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     dug = [r.excavation for r in releases]
@@ -84,7 +84,7 @@ def build_scene(
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of :func:`build_scene` from those of :func:`runout.simulate`; those of other things are left out."""
+    """Arguments of :func:`build_scene` from those of :func:`runout.simulate`; arguments that it does not take are left out."""
     chosen = {name: arguments[name] for name in signature(build_scene).parameters if name in arguments}
     return {"basal_friction_angle": USUAL_ANGLE, **chosen, "numerics": Numerics.of(arguments)}
 

@@ -23,7 +23,7 @@ SERIES = (
 
 @dataclass(frozen=True)
 class StructureForces:
-    """Impulses of the flow on the patches of structures, and what follows from them for facades; all float64.
+    """Impulses of the flow on the patches of structures, and forces and pressures of facades from them; all float64.
 
     Attributes
     ----------
@@ -78,11 +78,11 @@ class StructureForces:
     @cached_property
     def high_pressure(self) -> np.ndarray:
         """Pressure (n, facades) [Pa] that 95 % of the loaded area of a facade does not exceed in each interval; 0 without load."""
-        facade, found = self.structures.field.patches.facade, np.zeros(self.pressure.shape)
+        facade, pressure = self.structures.field.patches.facade, np.zeros(self.pressure.shape)
         for k in np.unique(facade):
             of_it = facade == k
-            found[:, k] = percentile_by_area(self.patch_pressure[:, of_it], self._loaded[:, of_it], PERCENTILE)
-        return found
+            pressure[:, k] = percentile_by_area(self.patch_pressure[:, of_it], self._loaded[:, of_it], PERCENTILE)
+        return pressure
 
     @cached_property
     def _loaded(self) -> np.ndarray:
@@ -92,13 +92,13 @@ class StructureForces:
     @cached_property
     def foot(self) -> np.ndarray:
         """Foot (structures, 3) [m] of each structure: the middle of its surface in plan, by area, at its lowest patch; local."""
-        patches, found = self.structures.field.patches, np.zeros((len(self.structures.names), 3))
+        patches, feet = self.structures.field.patches, np.zeros((len(self.structures.names), 3))
         owner = self.structures.structure[patches.facade]
         for k in np.unique(owner):
             of_it = owner == k
-            found[k] = np.average(patches.centre[of_it], axis=0, weights=patches.area[of_it])
-            found[k, 2] = patches.centre[of_it, 2].min()
-        return found
+            feet[k] = np.average(patches.centre[of_it], axis=0, weights=patches.area[of_it])
+            feet[k, 2] = patches.centre[of_it, 2].min()
+        return feet
 
     def _by_facade(self, values: np.ndarray) -> np.ndarray:
         """Sum of values (n, patches, k) over the patches of each facade: (n, facades, k)."""
@@ -113,8 +113,8 @@ def percentile_by_area(values: np.ndarray, area: np.ndarray, percent: float) -> 
     covered = np.cumsum(np.take_along_axis(area, order, 1), axis=1)
     whole = covered[:, -1:]
     enough = covered >= (percent / 100.0) * whole * (1.0 - 1e-12)
-    found = np.take_along_axis(np.take_along_axis(values, order, 1), enough.argmax(axis=1)[:, None], 1)
-    return np.where(whole > 0.0, found, 0.0)[:, 0]  # type: ignore[no-any-return]
+    least = np.take_along_axis(np.take_along_axis(values, order, 1), enough.argmax(axis=1)[:, None], 1)
+    return np.where(whole > 0.0, least, 0.0)[:, 0]  # type: ignore[no-any-return]
 
 
 def named_structures(structures: Structures | StructureField | None) -> Structures | None:
@@ -132,9 +132,9 @@ def facade_series(forces: StructureForces) -> "xr.Dataset":
     """
     import xarray as xr
 
-    made = forces.structures
-    area = np.bincount(made.field.patches.facade, made.field.patches.area, len(made.facades))
-    names = np.array([made.names[k] for k in made.structure], dtype=object)
+    structures = forces.structures
+    area = np.bincount(structures.field.patches.facade, structures.field.patches.area, len(structures.facades))
+    names = np.array([structures.names[k] for k in structures.structure], dtype=object)
     along = {f"facade_{what}_{axis}": values[:, :, k] for what, values in (("force", forces.force), ("moment", forces.moment))
              for k, axis in enumerate(AXES)}  # fmt: skip
     series = along | {"facade_pressure": forces.pressure, "facade_high_pressure": forces.high_pressure}
@@ -143,7 +143,7 @@ def facade_series(forces: StructureForces) -> "xr.Dataset":
         | {
             "record_time": ("record", forces.times[1:]),
             "structure_name": ("facade", names),
-            "facade_name": ("facade", np.array(made.facades, dtype=object)),
+            "facade_name": ("facade", np.array(structures.facades, dtype=object)),
             "facade_area": ("facade", area),
         }
     )

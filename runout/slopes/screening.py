@@ -53,55 +53,55 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     site = read_site(path)
     terrain, releases = site.terrain(), site.releases()
     start = time.perf_counter()
-    found = mass_wasting(terrain, releases, parameters)
+    baseline = mass_wasting(terrain, releases, parameters)
     took = time.perf_counter() - start
-    drained = drainage(found.terrain)
-    way = flow_path(drained, found.release, found.peak, LEAST)
-    places = features(drained, way, found.peak, _standing(site, terrain))
-    figures = _figures(found, drained, way, took)
-    lines = list(_lines(found, figures, way, places))
+    drained = drainage(baseline.terrain)
+    way = flow_path(drained, baseline.release, baseline.peak, LEAST)
+    places = features(drained, way, baseline.peak, _standing(site, terrain))
+    figures = _figures(baseline, drained, way, took)
+    lines = list(_lines(baseline, figures, way, places))
     for line in lines:
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
     folder = (out or site.folder / "results") / FOLDER
     record = {"runout": __version__, "parameters": record_of(parameters), **figures, "places": [one.attributes() for one in places]}
-    _write(folder, site, found, drained, way, places, record)
+    _write(folder, site, baseline, drained, way, places, record)
     LOGGER.info("wrote %s; next: runout compare %s %s", folder, *map(quote, (str(folder), str(site.folder))))
     return ExitCode.OK
 
 
 def _standing(site: "Site", terrain: "Terrain") -> list[Standing]:
     """Obstacles and structures of a site."""
-    found = [Standing("obstacle", "", *part) for obstacles in site.files.obstacles() for part in obstacles.parts]
+    standing = [Standing("obstacle", "", *part) for obstacles in site.files.obstacles() for part in obstacles.parts]
     if not may_hold_bodies(site.settings):
-        return found
+        return standing
     from runout.structures.ground import elevation_at
     from runout.structures.outlines import footprint
 
     for solid in site.files.bodies().solids:
         height = solid.vertices[:, 2] - elevation_at(terrain, solid.vertices)
         hangs = None if solid.clearance is None else max(0.0, float(np.nanmin(height)))
-        found.append(Standing("structure", solid.name, footprint(solid, terrain), float(np.nanmax(height)), hangs))
-    return found
+        standing.append(Standing("structure", solid.name, footprint(solid, terrain), float(np.nanmax(height)), hangs))
+    return standing
 
 
-def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> dict[str, Any]:
+def _figures(baseline: Baseline, drained: Drainage, way: FlowPath, took: float) -> dict[str, Any]:
     """Numbers of the baseline for the record."""
-    terrain, reached = found.terrain, np.nan_to_num(found.peak) >= LEAST
-    ground = np.where(found.release > 0, terrain.elevation, -np.inf)
+    terrain, reached = baseline.terrain, np.nan_to_num(baseline.peak) >= LEAST
+    ground = np.where(baseline.release > 0, terrain.elevation, -np.inf)
     top = np.unravel_index(np.argmax(ground), ground.shape)
     far = np.hypot(terrain.easting[None, :] - terrain.easting[top[1]], terrain.northing[:, None] - terrain.northing[top[0]])
     toe = np.unravel_index(np.argmax(np.where(reached, far, -1.0)), far.shape)
     length, fall = float(far[toe]), float(terrain.elevation[top] - terrain.elevation[toe])
     return {
         "seconds": took,
-        "iterations": found.iterations,
-        "still_moving": found.moving,
+        "iterations": baseline.iterations,
+        "still_moving": baseline.moving,
         "rows_columns": list(terrain.shape),
         "cell_size_m": terrain.cell_size[0],
-        "release_cells": int((found.release > 0).sum()),
-        "volumes_m3": found.volumes,
+        "release_cells": int((baseline.release > 0).sum()),
+        "volumes_m3": baseline.volumes,
         "reached_area_m2": float(reached.sum() * terrain.cell_area),
-        "largest_thickness_m": float(np.nanmax(found.peak)),
+        "largest_thickness_m": float(np.nanmax(baseline.peak)),
         "length_m": length,
         "fall_m": fall,
         "travel_angle_deg": math.degrees(math.atan2(fall, length)) if length > 0 else 0.0,
@@ -110,18 +110,18 @@ def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> 
     }
 
 
-def _lines(found: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequence[Feature]) -> Iterator[str]:
-    rows, columns = found.terrain.shape
+def _lines(baseline: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequence[Feature]) -> Iterator[str]:
+    rows, columns = baseline.terrain.shape
     yield (
-        f"baseline: {figures['seconds']:.1f} s, {found.iterations} iterations on {rows} x {columns} cells of "
-        f"{figures['cell_size_m']:g} m" + ("; mass was STILL MOVING at the last iteration" if found.moving else "")
+        f"baseline: {figures['seconds']:.1f} s, {baseline.iterations} iterations on {rows} x {columns} cells of "
+        f"{figures['cell_size_m']:g} m" + ("; mass was STILL MOVING at the last iteration" if baseline.moving else "")
     )
     yield "volume: " + ", ".join(f"{name} {value:.4g} m3" for name, value in figures["volumes_m3"].items())
     yield (
         f"extent: {figures['reached_area_m2']:.4g} m2 of {LEAST:g} m or more; {figures['length_m']:.0f} m long, "
         f"{figures['fall_m']:.0f} m of fall, travel angle {figures['travel_angle_deg']:.1f} deg"
     )
-    crowded = figures["largest_thickness_m"] / float(np.nanmax(found.release))
+    crowded = figures["largest_thickness_m"] / float(np.nanmax(baseline.release))
     if crowded > CROWDED:
         yield (
             f"flow thickness: up to {figures['largest_thickness_m']:.3g} m, {crowded:.2g} times the release: the automaton crowds "
@@ -139,7 +139,7 @@ def _lines(found: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequ
 def _write(
     folder: Path,
     site: "Site",
-    found: Baseline,
+    baseline: Baseline,
     drained: Drainage,
     way: FlowPath,
     places: Sequence[Feature],
@@ -148,25 +148,25 @@ def _write(
     from shapely import LineString, Point
 
     maps = {
-        "elevation": found.terrain.elevation,
-        "release_thickness": found.release,
-        "max_flow_thickness": found.peak,
-        "deposit_thickness": found.deposit,
-        "elevation_change": found.change,
+        "elevation": baseline.terrain.elevation,
+        "release_thickness": baseline.release,
+        "max_flow_thickness": baseline.peak,
+        "deposit_thickness": baseline.deposit,
+        "elevation_change": baseline.change,
     }
-    write_maps(folder, MAPS, f"{site.name}: baseline of the runout", found.terrain, maps, ATTRIBUTES)
-    extent = outline(np.nan_to_num(found.peak) >= LEAST, found.terrain)
+    write_maps(folder, MAPS, f"{site.name}: baseline of the runout", baseline.terrain, maps, ATTRIBUTES)
+    extent = outline(np.nan_to_num(baseline.peak) >= LEAST, baseline.terrain)
     path = [{"length_m": float(way.distance[-1]), "geometry": LineString(way.points(drained))}] if len(way.cells) > 1 else []
     rows = [{**one.attributes(), "geometry": Point(one.easting, one.northing)} for one in places]
     reached = [] if extent.is_empty else [{"thickness_m": LEAST, "geometry": extent}]
     layers = {"extent": ("MultiPolygon", reached), "flow_path": ("LineString", path), "places": ("Point", rows)}
-    write_layers(folder / LAYERS, found.terrain, layers, screen_styles())
+    write_layers(folder / LAYERS, baseline.terrain, layers, screen_styles())
     write_json(record, folder / RECORD)
     with whole_file(folder / PICTURE) as temporary:
-        temporary.write_bytes(picture(found, drained, way, places))
+        temporary.write_bytes(picture(baseline, drained, way, places))
 
 
-def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature], dpi: int = DPI) -> bytes:
+def picture(baseline: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature], dpi: int = DPI) -> bytes:
     """PNG of the deposit over hillshade, with the extent (dashed), the release, the flow path and the places on it."""
     from shapely import LineString, Point
 
@@ -174,13 +174,13 @@ def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[
     from runout.report.marks import Mark
     from runout.report.values import STYLES
 
-    terrain = found.terrain
+    terrain = baseline.terrain
     marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []
     marks += [Mark(Point(one.easting, one.northing), one.label()) for one in places]
-    released = [outline(np.nan_to_num(found.release) > 0, terrain)]
-    reached = np.nan_to_num(found.peak) >= LEAST
+    released = [outline(np.nan_to_num(baseline.release) > 0, terrain)]
+    reached = np.nan_to_num(baseline.peak) >= LEAST
     base = Basemap(
         terrain.easting, terrain.northing, terrain.elevation, released, zones=[Mark(outline(reached, terrain), "")], observed=marks
     )
-    shown = np.where(found.deposit >= LEAST, found.deposit, np.nan)
+    shown = np.where(baseline.deposit >= LEAST, baseline.deposit, np.nan)
     return png(draw_map(base, shown, STYLES["deposit"], base.window(reached), "Baseline: deposit and extent"), dpi)

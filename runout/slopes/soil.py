@@ -19,13 +19,13 @@ def resolved(
     """What holds: options, else what site.yaml states, else the defaults."""
     site = stated or StabilitySettings()
     options = vars(strength or Strength()) | vars(choices or PatchChoices())
-    given = {_key(name): _sampled(name, value) for name, value in options.items() if value is not None}
-    kept = {name: getattr(site, name) for name in site.model_fields_set}
-    if "transmissivity_recharge" in given:
-        kept.pop("saturation", None)
-    elif "saturation" in given:
-        kept.pop("transmissivity_recharge", None)
-    return StabilitySettings(**kept | given)
+    from_options = {_key(name): _sampled(name, value) for name, value in options.items() if value is not None}
+    from_site = {name: getattr(site, name) for name in site.model_fields_set}
+    if "transmissivity_recharge" in from_options:
+        from_site.pop("saturation", None)
+    elif "saturation" in from_options:
+        from_site.pop("transmissivity_recharge", None)
+    return StabilitySettings(**from_site | from_options)
 
 
 def _key(name: str) -> str:
@@ -41,11 +41,11 @@ def _sampled(name: str, value: Any) -> Any:
     return Uniform(distribution="uniform", low=low, high=high) if low < high else float(low)
 
 
-def values(stated: "Distribution | float", probability: np.ndarray) -> np.ndarray:
+def values(entry: "Distribution | float", probability: np.ndarray) -> np.ndarray:
     """Values (n,) of a number or distribution below which it lies with ``probability`` (n,) [1]."""
-    if isinstance(stated, int | float):
-        return np.full(len(probability), float(stated))
-    return quantiles(stated, np.clip(probability, np.finfo(float).eps, 1.0 - np.finfo(float).eps))
+    if isinstance(entry, int | float):
+        return np.full(len(probability), float(entry))
+    return quantiles(entry, np.clip(probability, np.finfo(float).eps, 1.0 - np.finfo(float).eps))
 
 
 def assumptions(soil: StabilitySettings) -> str:
@@ -59,23 +59,23 @@ def assumptions(soil: StabilitySettings) -> str:
     return f"assumed, not values of this place: {listed}; state yours in site.yaml (stability: ...) or as options"
 
 
-def _words(stated: Any, unit: str) -> str:
-    return f"{numbers(stated)} {unit}".rstrip()
+def _words(entry: Any, unit: str) -> str:
+    return f"{numbers(entry)} {unit}".rstrip()
 
 
-def numbers(stated: Any) -> str:
+def numbers(entry: Any) -> str:
     """A number or distribution in words."""
-    match stated:
+    match entry:
         case Uniform():
-            return f"{stated.low:g} to {stated.high:g}"
+            return f"{entry.low:g} to {entry.high:g}"
         case Triangular():
-            return f"{stated.low:g} to {stated.high:g}, most likely {stated.mode:g}"
+            return f"{entry.low:g} to {entry.high:g}, most likely {entry.mode:g}"
         case Normal():
-            return f"{stated.mean:g} ± {stated.standard_deviation:g}"
+            return f"{entry.mean:g} ± {entry.standard_deviation:g}"
         case Discrete():
-            return " or ".join(f"{value:g}" for value in stated.values)
+            return " or ".join(f"{value:g}" for value in entry.values)
         case _:
-            return f"{stated:g}"
+            return f"{entry:g}"
 
 
 def record(soil: StabilitySettings) -> dict[str, Any]:

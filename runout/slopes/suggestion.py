@@ -62,21 +62,21 @@ def command(path: Path, out: Path | None, terrain_only: bool, strength: Strength
     drained = drainage(terrain)
     stable = None if terrain_only else stability(drained, soil)
     slope = terrain_slope(terrain.elevation, terrain.cell_size) if stable is None else stable.slope
-    figures, found = terrain_figures(drained, slope), None if stable is None else suggest(drained, stable, soil)
-    lines = [*figures.lines(), *(_lines(stable, found, place, soil) if stable and found else ())]
-    record = _record(place, terrain, figures, soil, found) | {"lines": lines}
+    figures, suggestion = terrain_figures(drained, slope), None if stable is None else suggest(drained, stable, soil)
+    lines = [*figures.lines(), *(_lines(stable, suggestion, place, soil) if stable and suggestion else ())]
+    record = _record(place, terrain, figures, soil, suggestion) | {"lines": lines}
     maps = _maps(drained, slope, stable)
     for line in lines:
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
     folder = place.results / FOLDER
-    write(folder, place.name, terrain, maps, figures, found, record)
-    LOGGER.info("wrote %s in %.0f s%s", folder, time.perf_counter() - start, _next(folder, path, place, found))
+    write(folder, place.name, terrain, maps, figures, suggestion, record)
+    LOGGER.info("wrote %s in %.0f s%s", folder, time.perf_counter() - start, _next(folder, path, place, suggestion))
     return ExitCode.OK
 
 
-def _next(folder: Path, path: Path, place: Place, found: Suggestion | None) -> str:
+def _next(folder: Path, path: Path, place: Place, suggestion: Suggestion | None) -> str:
     """How to use the proposed releases; empty if there are none."""
-    if not found or not found.patches:
+    if not suggestion or not suggestion.patches:
         return ""
     if place.site is None:
         return f"; next: runout new FOLDER --dem {path} --release {folder / RELEASE}"
@@ -92,45 +92,45 @@ def _maps(drained: Drainage, slope: np.ndarray, stable: Stability | None) -> dic
     return maps
 
 
-def _lines(stable: Stability, found: Suggestion, place: Place, soil: StabilitySettings) -> Iterator[str]:
+def _lines(stable: Stability, suggestion: Suggestion, place: Place, soil: StabilitySettings) -> Iterator[str]:
     """Lines on the stability and the proposed releases, or the reason why there are none."""
     if assumed := assumptions(soil):
         yield assumed
     at_one = float(np.nanmean(stable.factor <= 1.0))
     yield f"factor of safety: median at most 1 on {at_one:.1%} of the area; largest probability {np.nanmax(stable.probability):.2g}"
-    if not found.patches:
-        yield f"no release is proposed: {_reason(stable, found)}"
+    if not suggestion.patches:
+        yield f"no release is proposed: {_reason(stable, suggestion)}"
         return
-    more = f", the first {len(found.patches)} are kept" if found.found > len(found.patches) else ""
-    total = sum(patch.attributes["volume_m3"] for patch in found.patches)
-    yield f"releases: {found.found} proposed{more}, {total:.4g} m3"
-    for patch in found.patches:
+    more = f", the first {len(suggestion.patches)} are kept" if suggestion.found > len(suggestion.patches) else ""
+    total = sum(patch.attributes["volume_m3"] for patch in suggestion.patches)
+    yield f"releases: {suggestion.found} proposed{more}, {total:.4g} m3"
+    for patch in suggestion.patches:
         a = patch.attributes
         yield (
             f"release {a['rank']:g}: {a['volume_m3']:.4g} m3 on {a['area_m2']:.4g} m2, {a['thickness_m']:.2f} m thick, probability "
             f"{a['probability']:.2f}, slope {a['slope_deg']:.0f} deg; needs cells of {a['cell_size_m']:.2g} m or less"
         )
-    yield from _to_simulate(found, place)
+    yield from _to_simulate(suggestion, place)
 
 
-def _to_simulate(found: Suggestion, place: Place) -> Iterator[str]:
+def _to_simulate(suggestion: Suggestion, place: Place) -> Iterator[str]:
     """Lines on the grid that the proposed releases need, on those that are left out, and on their common start."""
-    cell = min(patch.attributes["cell_size_m"] for patch in found.patches)
-    particles = sum(patch.attributes["volume_m3"] for patch in found.patches) * math.prod(PARTICLES_PER_CELL) / cell**3
+    cell = min(patch.attributes["cell_size_m"] for patch in suggestion.patches)
+    particles = sum(patch.attributes["volume_m3"] for patch in suggestion.patches) * math.prod(PARTICLES_PER_CELL) / cell**3
     height = _stated_height(place)
-    thin = [patch for patch in found.patches if height and patch.attributes["thickness_m"] < FEWEST_MEASURED * height]
+    thin = [patch for patch in suggestion.patches if height and patch.attributes["thickness_m"] < FEWEST_MEASURED * height]
     if thin:
         has = "the site has" if place.site else "a new site starts with"
         yield (
-            f"grid: {has} cells of {height:g} m; {len(thin)} of the {len(found.patches)} releases are thinner than "
+            f"grid: {has} cells of {height:g} m; {len(thin)} of the {len(suggestion.patches)} releases are thinner than "
             f"{FEWEST_MEASURED:g} of them, so that their numerical error is not known; in site.yaml write "
             f"simulation.cell_size: {cell:.2g} ({particles:.2g} particles for all), or accuracy: screening instead"
         )
     if not fits_memory(particles, place.terrain):
         yield f"grid: all releases together need {particles:.2g} particles, more than the memory holds; simulate them one by one"
-    if found.too_large:
-        yield f"left out: {found.too_large} releases, which need more memory than is free with cells of their thickness"
-    if len(found.patches) > 1:
+    if suggestion.too_large:
+        yield f"left out: {suggestion.too_large} releases, which need more memory than is free with cells of their thickness"
+    if len(suggestion.patches) > 1:
         yield f"start: the polygons of one file start together; where each may fail alone, keep one polygon of {RELEASE} per site"
 
 
@@ -138,16 +138,16 @@ def _stated_height(place: Place) -> float:
     """Height of the cells [m] of the site, or of one that `runout new` makes; 0 where accuracy sets it from the release."""
     if place.site is None:
         return max(place.terrain.cell_size)
-    stated = place.site.settings.simulation.cell_size
-    return 0.0 if stated is None else float(np.ravel(stated)[-1])
+    cell_size = place.site.settings.simulation.cell_size
+    return 0.0 if cell_size is None else float(np.ravel(cell_size)[-1])
 
 
-def _reason(stable: Stability, found: Suggestion) -> str:
+def _reason(stable: Stability, suggestion: Suggestion) -> str:
     """Why no release is proposed: the condition that no cell meets, the steepest slope and the largest probability."""
     steepest, largest = np.degrees(np.nanmax(stable.slope)), np.nanmax(stable.probability)
-    if found.too_large:
-        return f"{found.too_large} releases need more memory than is free with cells of their thickness; use a larger machine"
-    condition, option = next((words, option) for words, (cells, option) in found.left.items() if cells == 0)
+    if suggestion.too_large:
+        return f"{suggestion.too_large} releases need more memory than is free with cells of their thickness; use a larger machine"
+    condition, option = next((words, option) for words, (cells, option) in suggestion.left.items() if cells == 0)
     remedy = f"if that is too strict, state another {option}, or weaker or wetter soil"
     return f"no cell {condition}; steepest slope {steepest:.1f} deg, largest probability {largest:.2g}; {remedy}"
 
@@ -157,7 +157,7 @@ def _record(
     terrain: "Terrain",
     figures: TerrainFigures,
     soil: StabilitySettings,
-    found: Suggestion | None,
+    suggestion: Suggestion | None,
 ) -> dict[str, Any]:
     record = {
         "runout": __version__,
@@ -168,10 +168,10 @@ def _record(
         "changes": list(terrain.changes),
         "terrain": figures.record(),
     }
-    if found is None:
+    if suggestion is None:
         return record
-    released = [patch.attributes for patch in found.patches]
-    left = {words: cells for words, (cells, _) in found.left.items()}
+    released = [patch.attributes for patch in suggestion.patches]
+    left = {words: cells for words, (cells, _) in suggestion.left.items()}
     return record | {"stability": record_of(soil), "cells_left": left, "releases": released}
 
 
@@ -181,7 +181,7 @@ def write(
     terrain: "Terrain",
     maps: Mapping[str, np.ndarray],
     figures: TerrainFigures,
-    found: Suggestion | None,
+    suggestion: Suggestion | None,
     record: Mapping[str, Any],
 ) -> None:
     """Write all files of a folder; those of an earlier call are removed first.
@@ -193,7 +193,7 @@ def write(
     """
     for old in (PAGE, RECORD, MAPS, TERRAIN_LAYERS, RELEASE, *(f"{map_}{end}" for map_ in OWN_MAPS for end in (".tif", ".qml"))):
         (folder / old).unlink(missing_ok=True)
-    patches = found.patches if found else []
+    patches = suggestion.patches if suggestion else []
     write_maps(folder, MAPS, f"{name}: terrain and stability", terrain, {"elevation": terrain.elevation, **maps}, ATTRIBUTES)
     sinks = [{**sink.attributes(), "geometry": sink.outline} for sink in figures.sinks]
     layers = {"sinks": ("MultiPolygon", sinks), "flow_paths": ("LineString", figures.paths)}

@@ -23,7 +23,7 @@ FRICTION = "friction_deg"
 
 
 @dataclass(frozen=True)
-class _Stated:
+class _Feature:
     """What a feature states: name, height, base, clearance [m], Coulomb coefficient, and its place for messages."""
 
     name: str
@@ -47,17 +47,17 @@ def read_footprints(source: StructureSource, terrain: Terrain) -> Read:
     solids = []
     for row, number in enumerate(layer.attributes.index + 1):
         place = f"{source.path}: feature {number}"
-        found: list[str] = []
-        stated = _stated(source, layer, row, place, found)
-        if stated is not None and not found:
-            found += _impossible(stated)
-        if stated is not None and not found:
+        faults: list[str] = []
+        feature = _feature(source, layer, row, place, faults)
+        if feature is not None and not faults:
+            faults += _impossible(feature)
+        if feature is not None and not faults:
             shape = _local(layer.polygons[row], terrain)
             ground = ground_under(shape, terrain)
-            found += _off_the_ground(ground, layer.polygons[row], terrain, place)
-            if not found:
-                solids.append(_extruded(shape, stated, source.top, ground, terrain))
-        problems += found
+            faults += _off_the_ground(ground, layer.polygons[row], terrain, place)
+            if not faults:
+                solids.append(_extruded(shape, feature, source.top, ground, terrain))
+        problems += faults
     return Read(tuple(solids), tuple(problems), layer.changes)
 
 
@@ -69,16 +69,16 @@ def _local(polygon: Any, terrain: Terrain) -> Any:
 
 def _missing_attributes(source: StructureSource, layer: PolygonLayer) -> list[str]:
     """Messages on attributes that are stated and that no feature has."""
-    wanted = {"height": "height" if source.height is None else source.height, "base": source.base, "clearance": source.clearance}
-    names = {key: name for key, name in wanted.items() if isinstance(name, str) and name not in layer.attributes}
+    sources = {"height": "height" if source.height is None else source.height, "base": source.base, "clearance": source.clearance}
+    names = {key: name for key, name in sources.items() if isinstance(name, str) and name not in layer.attributes}
     return [f"{layer.lacks(name, key)}; state {key}, a number or the name of an attribute" for key, name in names.items()]
 
 
-def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, problems: list[str]) -> _Stated | None:
+def _feature(source: StructureSource, layer: PolygonLayer, row: int, place: str, problems: list[str]) -> _Feature | None:
     """What a feature states, or None and what is wrong with it."""
     columns = layer.attributes.columns
     values: dict[str, float | None] = {}
-    wanted: dict[str, tuple[float | str | None, str]] = {
+    sources: dict[str, tuple[float | str | None, str]] = {
         "height": ("height" if source.height is None else source.height, "structure_height"),
         "base": (source.base if source.base is not None else "base" if "base" in columns else None, "elevation"),
         "clearance": (
@@ -87,9 +87,9 @@ def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, 
         ),
         "friction": (FRICTION if FRICTION in columns else source.friction_angle_deg, "basal_friction_angle"),
     }
-    for key, (given, quantity) in wanted.items():
+    for key, (entry, quantity) in sources.items():
         try:
-            values[key] = _value(layer, row, given, quantity, place)
+            values[key] = _value(layer, row, entry, quantity, place)
         except InputError as error:
             problems.append(str(error))
     if problems:
@@ -99,30 +99,30 @@ def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, 
         problems.append(f"{place}: its height is empty; every structure needs one")
         return None
     angle = source.friction_angle_deg if friction is None else friction
-    return _Stated(_name(source, layer, row), height, values["base"], values["clearance"], math.tan(math.radians(angle)), place)
+    return _Feature(_name(source, layer, row), height, values["base"], values["clearance"], math.tan(math.radians(angle)), place)
 
 
 def _name(source: StructureSource, layer: PolygonLayer, row: int) -> str:
     """Name of a feature: its attribute, or that of the source where it is empty."""
-    stated = layer.attributes["name"].iloc[row] if "name" in layer.attributes else None
-    return source.name if is_missing(stated) or not str(stated).strip() else str(stated)
+    attribute = layer.attributes["name"].iloc[row] if "name" in layer.attributes else None
+    return source.name if is_missing(attribute) or not str(attribute).strip() else str(attribute)
 
 
-def _value(layer: PolygonLayer, row: int, given: float | str | None, quantity: str, place: str) -> float | None:
+def _value(layer: PolygonLayer, row: int, entry: float | str | None, quantity: str, place: str) -> float | None:
     """A number that is stated, or that of an attribute of a feature; None where it is empty."""
     key = quantity
-    if isinstance(given, str):
-        key, given = f"attribute {given!r}", layer.attributes[given].iloc[row]
-        if is_missing(given):
+    if isinstance(entry, str):
+        key, entry = f"attribute {entry!r}", layer.attributes[entry].iloc[row]
+        if is_missing(entry):
             return None
-        given = given.item() if isinstance(given, np.generic) else given
-    return None if given is None else checked(quantity, given, place=place, key=key, error=InputError)
+        entry = entry.item() if isinstance(entry, np.generic) else entry
+    return None if entry is None else checked(quantity, entry, place=place, key=key, error=InputError)
 
 
-def _impossible(stated: _Stated) -> Iterator[str]:
-    if stated.clearance is not None and stated.clearance >= stated.height:
+def _impossible(feature: _Feature) -> Iterator[str]:
+    if feature.clearance is not None and feature.clearance >= feature.height:
         yield (
-            f"{stated.place}: clearance is {stated.clearance:g} m and height {stated.height:g} m, both above the ground; "
+            f"{feature.place}: clearance is {feature.clearance:g} m and height {feature.height:g} m, both above the ground; "
             "a structure needs a clearance less than its height"
         )
 
@@ -137,30 +137,30 @@ def _off_the_ground(ground: GroundUnder, polygon: Any, terrain: Terrain, place: 
     )
 
 
-def _extruded(shape: Any, stated: _Stated, top: Top, ground: GroundUnder, terrain: Terrain) -> Solid:
+def _extruded(shape: Any, feature: _Feature, top: Top, ground: GroundUnder, terrain: Terrain) -> Solid:
     """A body from its footprint in local positions."""
     import shapely
 
-    level = ground.mean if stated.base is None else stated.base
+    level = ground.mean if feature.base is None else feature.base
     step = min(terrain.cell_size)
-    along_ground = top is Top.ALONG_GROUND and stated.base is None
+    along_ground = top is Top.ALONG_GROUND and feature.base is None
     if along_ground:
         shape = shapely.segmentize(shape, step)
     points, walls, caps, names = _outline(shape)
     base = elevation_at(terrain, points) if along_ground else np.full(len(points), level)
-    hangs = stated.clearance is not None and stated.clearance > 0
-    if hangs or (stated.base is not None and stated.base > ground.highest):  # the latter floats, unless a clearance is stated
-        bottom = base + (stated.clearance or 0.0)
+    hangs = feature.clearance is not None and feature.clearance > 0
+    if hangs or (feature.base is not None and feature.base > ground.highest):  # the latter floats, unless a clearance is stated
+        bottom = base + (feature.clearance or 0.0)
     else:
-        bottom = np.full(len(points), min(ground.lowest, level) - max(BELOW * step, DEEP * stated.height))
+        bottom = np.full(len(points), min(ground.lowest, level) - max(BELOW * step, DEEP * feature.height))
     n = len(points)
-    vertices = np.concatenate([np.column_stack([points, bottom]), np.column_stack([points, base + stated.height])])
+    vertices = np.concatenate([np.column_stack([points, bottom]), np.column_stack([points, base + feature.height])])
     a, b, wall = walls.T
     faces = np.concatenate([np.column_stack([a, b, b + n]), np.column_stack([a, b + n, a + n]), caps + n, caps[:, ::-1]])
     facade = np.concatenate([wall, wall, np.full(len(caps), len(names)), np.full(len(caps), len(names) + 1)])
-    clearance = stated.clearance if hangs else None
+    clearance = feature.clearance if hangs else None
     facades = tuple(numbered([*names, "top", "underside"]))
-    return Solid(stated.name, vertices, faces, facade, facades, stated.friction, stated.place, clearance)
+    return Solid(feature.name, vertices, faces, facade, facades, feature.friction, feature.place, clearance)
 
 
 def _outline(shape: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
@@ -172,10 +172,10 @@ def _outline(shape: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]
     for part in shapely.get_parts(shapely.orient_polygons(shapely.normalize(shape))):
         for number, ring in enumerate([part.exterior, *part.interiors]):
             xy = shapely.get_coordinates(ring)[:-1]
-            wall, named = walls_of(xy)
+            wall, names_of_ring = walls_of(xy)
             here = count + np.arange(len(xy))
             sides.append(np.column_stack([here, np.roll(here, -1), len(names) + wall]))
-            names += [f"inner {name}" for name in named] if number else named
+            names += [f"inner {name}" for name in names_of_ring] if number else names_of_ring
             points.append(xy)
             count += len(xy)
     joined = np.concatenate(points)

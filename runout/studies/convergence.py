@@ -121,15 +121,15 @@ def bars(runs: Sequence[Run]) -> dict[str, ErrorBar]:
     """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest."""
     ratios, fine = [run.ratio for run in runs], runs[-1]
     of_map = {name: ErrorBar.of_map(ratios[:-1], _distances(runs, name)) for name in ("flow_thickness", "speed")}
-    found = {}
+    error_bars = {}
     for name in fine.quantities:
         values = [run.quantities[name] for run in runs]
         if np.isfinite(values).all():
             map_error = of_map[FROM_MAP.get(name, "flow_thickness")].error
-            found[name] = ErrorBar.of_value(ratios, values, map_error)
+            error_bars[name] = ErrorBar.of_value(ratios, values, map_error)
         else:
             LOGGER.warning("%s has no error bar: more than %g %% of the mass left the terrain", name, 100 * MOST_ESCAPED)
-    return {**found, MAP: of_map["flow_thickness"]}
+    return {**error_bars, MAP: of_map["flow_thickness"]}
 
 
 def _distances(runs: Sequence[Run], name: str) -> list[float]:
@@ -169,11 +169,11 @@ def run_once(
     raised = replace(terrain, elevation=terrain.elevation + shift % 1.0 * h[2])
     changed = {"terrain": raised, "cell_size": tuple(float(x) for x in h), "seed": arguments["seed"] + seed}
     result = simulate(**{**arguments, **changed})
-    found = quantities(result, arguments["release"], thresholds)
+    values = quantities(result, arguments["release"], thresholds)
     maps = {name: result.fields[of_run] for name, of_run in MAPS.items() if of_run in result.fields}
     change = elevation_change(maps["deposit"], removed(arguments["release"]))
     maps |= {"erosion": np.maximum(-change, 0.0), "deposition": np.maximum(change, 0.0)}
-    return Run(ratio, found, maps, result.timing["total"] - result.timing["setup"], result.n_particles)
+    return Run(ratio, values, maps, result.timing["total"] - result.timing["setup"], result.n_particles)
 
 
 def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[float]) -> dict[str, float]:
@@ -194,27 +194,27 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
     farthest = np.searchsorted(np.cumsum(mass[order], dtype=float), (1.0 - MOST_ESCAPED) * whole)
     known = farthest < len(mass)
     speed = result.fields["max_speed"]
-    found = {
+    values = {
         "f99": float(distance[order][farthest]) if known else np.nan,
         "centre_of_mass_runout": float(np.hypot(*((mass @ place) / mass.sum() - start))) if known else np.nan,
         "peak_speed": float(np.quantile(speed[speed > 0], 0.99)) if (speed > 0).any() else 0.0,
     }
     for threshold in thresholds:
-        found[f"area_above_{threshold:g}_m"] = area_above(result.fields["max_flow_thickness"], threshold, terrain.cell_area)
-    return found
+        values[f"area_above_{threshold:g}_m"] = area_above(result.fields["max_flow_thickness"], threshold, terrain.cell_area)
+    return values
 
 
 def _fields(runs: Sequence[Run], site: "Site", cell_area: float) -> list[dict[str, Any]]:
     """Differences of the maps of the site's grid from those of a coarser one, and their errors over these differences."""
     ratios, fine = [run.ratio for run in runs[:-1]], runs[-1]
     other = min(range(len(ratios)), key=lambda k: abs(ratios[k] - COMPARED))
-    found = []
+    differences_of_maps = []
     for name, best in fine.maps.items():
         distances = _distances(runs, name)
         over = ErrorBar.of_map(ratios, distances).error / distances[other] if distances[other] else 1.0
         differences = _compared(name, runs[other].maps[name], best, site, cell_area)
-        found.append({"ratio": ratios[other], "map": name, "error_over_difference": over, **differences})
-    return found
+        differences_of_maps.append({"ratio": ratios[other], "map": name, "error_over_difference": over, **differences})
+    return differences_of_maps
 
 
 def _compared(name: str, coarse: np.ndarray, best: np.ndarray, site: "Site", cell_area: float) -> dict[str, Any]:
@@ -261,10 +261,10 @@ def _level(level: Mapping[str, Any]) -> tuple[str, ...]:
     return size, f"{level['particles']}", f"{level['seconds']:.1f}"
 
 
-def _quantity(found: Mapping[str, Any]) -> tuple[str, ...]:
-    value = "" if found["fine"] is None else f"{found['fine']:.4g}"
-    relative = "" if found["relative_error"] is None else f"{100 * found['relative_error']:.2g} %"
-    return found["title"], found["unit"], value, *(f"{found[key]:.2g}" for key in ("trend", "scatter", "error")), relative
+def _quantity(record: Mapping[str, Any]) -> tuple[str, ...]:
+    value = "" if record["fine"] is None else f"{record['fine']:.4g}"
+    relative = "" if record["relative_error"] is None else f"{100 * record['relative_error']:.2g} %"
+    return record["title"], record["unit"], value, *(f"{record[key]:.2g}" for key in ("trend", "scatter", "error")), relative
 
 
 def _map(field: Mapping[str, Any]) -> tuple[str, ...]:
@@ -280,14 +280,14 @@ def command(site_path: Path, out: Path | None, device: str | None = None) -> int
 
     opened = Study.open(site_path, out, device=device)
     with log.to_file(opened.results / "run.log"), log.progress("convergence") as bar:
-        found = study(opened.site, coarser=COARSER, progress=bar)
-    size = found["levels"][-1]["cell_size"][0]
-    log.output().print(f"{found['site']}: numerical error of the median scenario with cells of {size:g} m", markup=False)
-    for line in [*statements(found), BOUNDS]:
+        record = study(opened.site, coarser=COARSER, progress=bar)
+    size = record["levels"][-1]["cell_size"][0]
+    log.output().print(f"{record['site']}: numerical error of the median scenario with cells of {size:g} m", markup=False)
+    for line in [*statements(record), BOUNDS]:
         log.output().print(f"  {line}", markup=False)
     for path in (
-        write_json(found, opened.results / FILE),
-        write_text(as_markdown(found), opened.results / "convergence.md"),
+        write_json(record, opened.results / FILE),
+        write_text(as_markdown(record), opened.results / "convergence.md"),
     ):
         LOGGER.info("wrote %s", path)
     return ExitCode.OK
@@ -307,8 +307,8 @@ def compared(field: np.ndarray, reference: np.ndarray, thresholds: Sequence[floa
     index, d = {}, a - b
     either = (a > 0) | (b > 0)
     for threshold in thresholds:
-        found = contingency(a > threshold, b > threshold).critical_success_index
-        index[f"{threshold:g}"] = 1.0 if math.isnan(found) else found
+        csi = contingency(a > threshold, b > threshold).critical_success_index
+        index[f"{threshold:g}"] = 1.0 if math.isnan(csi) else csi
     sums = {"absolute_sum": np.abs(d), "net_sum": d, "squared_sum": d * d, "reached_area": either}
     totals = {name: float(cell_area * values.sum()) for name, values in sums.items()}
     return {"relative_l1": relative_l1(a, b), **totals, "critical_success_index": index}

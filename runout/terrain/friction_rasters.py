@@ -127,10 +127,7 @@ def _background(values: np.ndarray) -> float:
 
 def _centres(terrain: Terrain) -> np.ndarray:
     """Map coordinates (nx ny, 2) [m] of the centres of the cells, from the south-west corner, northwards first."""
-    rows, columns = terrain.shape
-    x = terrain.west + (np.arange(columns) + 0.5) * terrain.cell_size[0]
-    y = terrain.south + (np.arange(rows) + 0.5) * terrain.cell_size[1]
-    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.stack(np.meshgrid(terrain.easting, terrain.northing[::-1], indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def _require_valid(raster: ElevationRaster, values: np.ndarray, points: np.ndarray, parameter: Parameter) -> None:

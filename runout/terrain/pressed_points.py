@@ -16,7 +16,7 @@ from runout.model.depth_resolution import flow_depth
 from runout.model.materials import Material
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
-from runout.terrain.sliding_points import POINTS, SQUARES, Ground, Points
+from runout.terrain.sliding_points import POINTS, Ground, Points, volume_and_square
 
 COURANT = 0.4  # squares that a point or a wave crosses in a step
 MOST_STEPS = 1500
@@ -38,9 +38,9 @@ class _Squares:
     Attributes
     ----------
     volume : float
-        That a point stands for [m3].
+        Volume that one point stands for [m3].
     size : float
-        Of a square [m].
+        Side of a square [m].
     peak : ndarray (east, north)
         Largest thickness so far [m].
     """
@@ -51,10 +51,10 @@ class _Squares:
 
     @classmethod
     def under(cls, releases: Sequence[Release], points: int) -> "_Squares":
-        terrain, size = releases[0].terrain, math.sqrt(sum(r.area for r in releases)) / SQUARES
+        terrain, (volume, size) = releases[0].terrain, volume_and_square(releases, points)
         (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
         shape = math.ceil(columns * dx / size) + 2, math.ceil(rows * dy / size) + 2
-        return cls(sum(r.volume for r in releases) / points, size, np.zeros(shape))
+        return cls(volume, size, np.zeros(shape))
 
     def lay(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Thickness (n,) [m] and its slope (2, n) [1] at the places (2, n) [m] of all points."""
@@ -89,14 +89,15 @@ def forecast_depth(
     releases : sequence of Release
         On one terrain.
     resistance : callable
-        Of :mod:`runout.model.column_resistance`, for columns of a vertical ``thickness`` [m] of each release.
+        Resistance of :mod:`runout.model.column_resistance`, for columns of a vertical ``thickness`` [m] of each release.
     pressure : ndarray (releases,)
-        Of :func:`lateral_pressure`.
+        Result of :func:`lateral_pressure`.
     spacing : tuple of float
-        Of the grid [m], east and north.
+        Spacing of the grid [m], east and north.
     end_time : float
-        [s].
+        End of the forecast [s].
     points : int
+        Number of points of all releases together.
     """
     ground, moving, squares = Ground.under(releases, spacing), Points.of(releases, 1, points), _Squares.under(releases, points)
     time, steps, fastest, most = 0.0, 0, 0.0, np.asarray(thickness)

@@ -35,7 +35,7 @@ class Slide:
     speed, fastest : ndarray (steps, members)
         Root mean square and largest speed [m/s].
     share : ndarray (steps, members)
-        Of the mass that is on the terrain [1].
+        Share of the mass that is on the terrain [1].
     """
 
     time: np.ndarray
@@ -74,7 +74,7 @@ class Points:
     Attributes
     ----------
     member, release : ndarray (n,)
-        That they belong to.
+        Number of the member and of the release of each point.
     place, velocity : ndarray (2, n)
         Local position [m] and velocity in plan [m/s].
     thinness : ndarray (n,)
@@ -114,6 +114,11 @@ class Points:
         self.place, self.velocity = self.place[:, those], self.velocity[:, those]
 
 
+def volume_and_square(releases: Sequence[Release], points: int) -> tuple[float, float]:
+    """Volume [m3] of one of the ``points`` that stand for releases, and side [m] of the squares on which they are counted."""
+    return sum(r.volume for r in releases) / points, math.sqrt(sum(r.area for r in releases)) / SQUARES
+
+
 @dataclass
 class _Gathering:
     """Thickness of a mass by how many of its points lie together, on squares as wide as a part of the releases.
@@ -123,13 +128,13 @@ class _Gathering:
     Attributes
     ----------
     volume : float
-        That a point stands for [m3].
+        Volume that one point stands for [m3].
     size : float
-        Of the squares [m].
+        Side of a square [m].
     most : ndarray (releases,)
         Thickness [m] for which the resistance was made: points that gather further count as this.
     moved : float
-        Way of the fastest point since points were counted [m].
+        Way of the fastest point since the last count [m].
     """
 
     volume: float
@@ -140,8 +145,7 @@ class _Gathering:
     @classmethod
     def of(cls, releases: Sequence[Release], points: int, most: Sequence[float]) -> "_Gathering":
         """Of releases that ``points`` stand for."""
-        size = math.sqrt(sum(r.area for r in releases)) / SQUARES
-        return cls(sum(r.volume for r in releases) / points, size, np.asarray(most))
+        return cls(*volume_and_square(releases, points), np.asarray(most))
 
     def count(self, points: Points, way: float) -> None:
         """Set the thinness of points, of which the fastest has moved on by ``way`` [m]; seldom, where they hardly move."""
@@ -175,14 +179,14 @@ def slide(
     releases : sequence of Release
         On one terrain.
     resistance : callable
-        Of :mod:`runout.model.column_resistance`.
+        Resistance of :mod:`runout.model.column_resistance`.
     members : int
     spacing : tuple of float
-        Of the grid [m], east and north: the surface follows the terrain as that of a run on this grid.
+        Spacing of the grid [m], east and north: the surface follows the terrain as that of a run on this grid.
     end_time : float
-        [s]; by default points slide until they rest or have gone, for :data:`MOST_STEPS` steps at most.
+        End of the slide [s]. By default points slide until they rest or leave the terrain, for :data:`MOST_STEPS` steps at most.
     points : int
-        Of each member.
+        Number of points of each member.
     most : sequence of float, optional
         Vertical thickness [m] of each release for which ``resistance`` was made. With it the columns are as thick as the points
         gather, at most so; without it they keep the thickness of the resistance.

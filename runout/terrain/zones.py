@@ -42,7 +42,7 @@ def read_zones(
         With the place, the value and the remedy.
     """
     source = Path(path)
-    if sum(stated is not None for stated in (factor, basal_friction_angle_deg, basal_friction)) != 1:
+    if sum(choice is not None for choice in (factor, basal_friction_angle_deg, basal_friction)) != 1:
         raise ZoneError(
             f"{source}: give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it, or basal_friction, "
             "which replaces parameters of its law"
@@ -62,71 +62,71 @@ def read_zones(
         raise ZoneError(str(error)) from error
     if basal_friction_angle_deg is not None:
         values = np.tan(np.radians(values))
-    covered, weighted, kept = _on_terrain(source, parts, values, terrain)
+    covered, weighted, parts_inside = _on_terrain(source, parts, values, terrain)
     outside = np.maximum(1.0 - covered, 0.0)
     multiplies = basal_friction_angle_deg is None
-    found = FrictionZones(
+    zones = FrictionZones(
         outside + weighted if multiplies else outside,
         np.zeros_like(weighted) if multiplies else weighted,
         terrain.cell_size,
-        tuple({"geometry": part, "factor" if multiplies else "coefficient": value} for part, value in kept),
+        tuple({"geometry": part, "factor" if multiplies else "coefficient": value} for part, value in parts_inside),
         str(source),
         polygons.changes + overlaps + doubts,
         warnings=doubts,
     )
-    return _warned(found)
+    return _warned(zones)
 
 
-def _of_parameters(polygons: PolygonLayer, stated: Mapping[str, float | str], law: FrictionLaw, terrain: Terrain) -> FrictionZones:
-    """Zones that replace parameters of a law of friction; ``stated`` by their keys in site.yaml."""
+def _of_parameters(polygons: PolygonLayer, entries: Mapping[str, float | str], law: FrictionLaw, terrain: Terrain) -> FrictionZones:
+    """Zones that replace parameters of a law of friction; ``entries`` by their keys in site.yaml."""
     of_law = {p.key: (p, number) for p, number in zip(law.parameters, law.numbers, strict=True)}
-    unknown = [key for key in stated if key not in of_law]
+    unknown = [key for key in entries if key not in of_law]
     if unknown:
         raise ZoneError(f"{polygons.source}: the friction law {law.name} has no {unknown[0]}; choose among {', '.join(of_law)}")
-    values = {key: polygons.within(given, of_law[key][0]) for key, given in stated.items()}
-    doubts = tuple(d for key, own in values.items() if of_law[key][0].default != 0 for d in _zeros(polygons, stated[key], own))
+    values = {key: polygons.within(entry, of_law[key][0]) for key, entry in entries.items()}
+    doubts = tuple(d for key, own in values.items() if of_law[key][0].default != 0 for d in _zeros(polygons, entries[key], own))
     _, kind = np.unique(np.column_stack(list(values.values())), axis=0, return_inverse=True)
-    told = [", ".join(f"{key} {value[i]:g}" for key, value in values.items()) for i in range(len(kind))]
-    parts, overlaps = without_overlap(polygons, kind.ravel().astype(float), "friction", told=told)
+    in_words = [", ".join(f"{key} {value[i]:g}" for key, value in values.items()) for i in range(len(kind))]
+    parts, overlaps = without_overlap(polygons, kind.ravel().astype(float), "friction", told=in_words)
     ones, replaced = np.ones((terrain.shape[1], terrain.shape[0])), {}
     for key, value in values.items():
         parameter, number = of_law[key]
         numbers = [replace(law.example, **{parameter.name: v}).numbers()[number] for v in value.tolist()]
         covered, weighted, _ = _on_terrain(polygons.source, parts, np.array(numbers), terrain)
         replaced[number] = np.maximum(1.0 - covered, 0.0), weighted
-    _, _, kept = _on_terrain(polygons.source, parts, np.arange(len(parts)), terrain)
-    zones = [{"geometry": part, "parameters": {key: float(v[int(i)]) for key, v in values.items()}} for part, i in kept]
+    _, _, parts_inside = _on_terrain(polygons.source, parts, np.arange(len(parts)), terrain)
+    zones = [{"geometry": part, "parameters": {key: float(v[int(i)]) for key, v in values.items()}} for part, i in parts_inside]
     changes = polygons.changes + overlaps + doubts
     return FrictionZones(
         ones, np.zeros_like(ones), terrain.cell_size, tuple(zones), str(polygons.source), changes, replaced, warnings=doubts
     )
 
 
-def _zeros(polygons: PolygonLayer, stated: float | str | None, values: np.ndarray) -> tuple[str, ...]:
+def _zeros(polygons: PolygonLayer, entry: float | str | None, values: np.ndarray) -> tuple[str, ...]:
     """A question on an attribute that is 0 in some polygons: a Shapefile holds 0 where a value is missing."""
     rows = np.flatnonzero(values == 0.0)
-    if not isinstance(stated, str) or not len(rows):
+    if not isinstance(entry, str) or not len(rows):
         return ()
     named = ", ".join(str(polygons.number(row)) for row in rows[:NAMED]) + (", ..." if len(rows) > NAMED else "")
-    said = f"attribute {stated!r} is 0 in {len(rows)} of {len(values)} polygons ({named}), which are ground without friction"
-    return (f"{polygons.source}: {said}; if the value is missing there, write it, or delete these polygons",)
+    doubt = f"attribute {entry!r} is 0 in {len(rows)} of {len(values)} polygons ({named}), which are ground without friction"
+    return (f"{polygons.source}: {doubt}; if the value is missing there, write it, or delete these polygons",)
 
 
 def _on_terrain(
     source: Path, parts: np.ndarray, values: np.ndarray, terrain: Terrain
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:
     """:func:`runout.terrain.overlay.on_cells`; ZoneError if no part lies on the terrain."""
-    covered, weighted, kept = on_cells(parts, values, terrain)
-    if not kept:
+    covered, weighted, parts_inside = on_cells(parts, values, terrain)
+    if not parts_inside:
         raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")
-    return covered, weighted, kept
+    return covered, weighted, parts_inside
 
 
-def _warned(found: FrictionZones) -> FrictionZones:
+def _warned(zones: FrictionZones) -> FrictionZones:
     """The zones, after a warning of each of their changes."""
-    for change in found.changes:
+    for change in zones.changes:
         log.warning(change)
-    return found
+    return zones
 
 
 def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = None) -> FrictionZones:
@@ -147,7 +147,7 @@ def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = Non
                 f"friction zones of {one.source} and {other.source} overlap by {common:.6g} m2; cut one of them back so that every "
                 "place has one friction"
             )
-    stated = [*([rasters] if rasters else []), *parts]
+    sources = [*([rasters] if rasters else []), *parts]
     return FrictionZones(
         np.maximum(
             1.0 + np.sum([part.factor - 1.0 for part in parts], axis=0), 0.0
@@ -155,19 +155,19 @@ def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = Non
         np.sum([part.coefficient for part in parts], axis=0),
         parts[0].cell_size,
         tuple(zone for part in parts for zone in part.zones),
-        ", ".join(part.source for part in stated),
-        tuple(change for part in stated for change in part.changes),
+        ", ".join(part.source for part in sources),
+        tuple(change for part in sources for change in part.changes),
         _replaced_in(parts),
         rasters.gridded if rasters else {},
-        tuple(warning for part in stated for warning in part.warnings),
+        tuple(warning for part in sources for warning in part.warnings),
     )
 
 
 def _replaced_in(parts: Sequence[FrictionZones]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """What zones of several files replace: the parts that are left of the numbers of the mass, and what is added."""
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    replaced: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for part in parts:
-        for name, (kept, own) in part.replaced.items():
-            before, added = found.get(name, (np.ones_like(kept), np.zeros_like(own)))
-            found[name] = np.maximum(before + (kept - 1.0), 0.0), added + own
-    return found
+        for name, (share, own) in part.replaced.items():
+            before, added = replaced.get(name, (np.ones_like(share), np.zeros_like(own)))
+            replaced[name] = np.maximum(before + (share - 1.0), 0.0), added + own
+    return replaced

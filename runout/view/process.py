@@ -1,4 +1,8 @@
-"""Runs the process that draws, with a time limit; its end by VTK becomes one sentence."""
+"""Runs the process that draws, with a time limit; its end by VTK becomes one sentence.
+
+VTK tries a display, then EGL, then OpenGL in software (OSMesa), which it searches as ``libOSMesa.so.8`` on the library path. The
+wheel ``lavavu-osmesa`` of the extra ``software-gl`` holds that library under another name, so that the process gets a link to it.
+"""
 
 import json
 import logging
@@ -6,11 +10,13 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,7 +26,6 @@ import numpy as np
 from runout.errors import RenderError
 from runout.processes.interrupt import at_end
 from runout.processes.lifetime import import_path, python_command
-from runout.view import software_gl
 from runout.view.renderer import PACKAGE_MISSING
 from runout.view.scene import FlowScene
 
@@ -30,10 +35,14 @@ START_SECONDS, FRAME_SECONDS = 120.0, 20.0  # time limit [s], and what each fram
 POLL_SECONDS = 0.2
 INSTALL = "pip install 'runout[view]'"
 NO_PACKAGE = f"3D pictures need pyvista: {INSTALL}"
+INSTALL_SOFTWARE_GL = "pip install 'runout[software-gl]'"
 NO_OPENGL = (
-    f"3D pictures need OpenGL, and VTK found none on this machine: {software_gl.INSTALL} (Linux x86-64), or install a driver "
+    f"3D pictures need OpenGL, and VTK found none on this machine: {INSTALL_SOFTWARE_GL} (Linux x86-64), or install a driver "
     "(Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri); the run is complete without them"
 )
+OSMESA_DISTRIBUTION, OSMESA_FOLDER = "lavavu-osmesa", "lavavu_osmesa.libs"  # the wheel, and its folder of libraries
+OSMESA_NAME = "libOSMesa.so.8"  # that VTK opens
+LIBRARY_PATH = "LD_LIBRARY_PATH"
 
 
 def require_packages() -> None:
@@ -117,7 +126,34 @@ def _tell(folder: Path, progress: Callable[[float], None] | None, frames: int) -
 
 def _environment(folder: Path) -> dict[str, str]:
     """Environment in which the process finds this package and OpenGL."""
-    return {**os.environ, **software_gl.environment(folder), "PYTHONPATH": import_path()}
+    return {**os.environ, **opengl_environment(folder), "PYTHONPATH": import_path()}
+
+
+def osmesa_library() -> Path | None:
+    """OSMesa of the extra, or None where it is not installed."""
+    if sys.platform != "linux":
+        return None
+    try:
+        folder = Path(str(metadata.distribution(OSMESA_DISTRIBUTION).locate_file(OSMESA_FOLDER)))
+    except metadata.PackageNotFoundError:
+        return None
+    return next(iter(sorted(folder.glob("libOSMesa*.so*"))), None)
+
+
+def opengl_environment(folder: Path) -> dict[str, str]:
+    """Variables with which a new process finds OSMesa; empty without the extra.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets the link to the library; it exists as long as the process draws.
+    """
+    osmesa = osmesa_library()
+    if osmesa is None:
+        return {}
+    (folder / OSMESA_NAME).symlink_to(osmesa)
+    before = os.environ.get(LIBRARY_PATH)  # a library that the user chose comes first
+    return {LIBRARY_PATH: os.pathsep.join([*([before] if before else []), str(folder), str(osmesa.parent)])}
 
 
 def _reason(folder: Path, code: int, task: str) -> str:

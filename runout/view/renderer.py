@@ -8,9 +8,14 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from runout.view.scene import FlowScene
+
+if TYPE_CHECKING:
+    from runout.view.picture import Picture
 
 FRAME = "frame_{:04d}.png"
 PACKAGE_MISSING = 3  # exit code
@@ -42,7 +47,7 @@ def _frames(scene: FlowScene, look: dict[str, Any], made: Path) -> None:
     (made / "renderer.txt").write_text(_renderer(picture), encoding="utf-8")
 
 
-def _renderer(picture: Any) -> str:
+def _renderer(picture: "Picture") -> str:
     """VTK and the driver of OpenGL, in words."""
     import pyvista
 
@@ -54,9 +59,56 @@ def _renderer(picture: Any) -> str:
 def _window(scene: FlowScene, look: dict[str, Any], made: Path) -> None:
     """A window with a slider for the time; returns when it is closed."""
     from runout.view.picture import Look, Picture
-    from runout.view.window import open_window
 
-    open_window(Picture(scene, Look(**look), off_screen=False))
+    picture = Picture(scene, Look(**look), off_screen=False)
+    _with_slider(picture)
+    picture.plotter.show(title="runout view")
+
+
+class Player:
+    """Frame that a window shows; the slider and the arrow keys change it.
+
+    Parameters
+    ----------
+    picture : Picture
+    """
+
+    def __init__(self, picture: "Picture"):
+        self.picture, self.frame = picture, 0
+
+    def to_time(self, time: float) -> None:
+        """Show the frame next to a time [s]."""
+        self.show(int(np.argmin(np.abs(self.picture.scene.times - time))))
+
+    def beside(self, by: int) -> int:
+        """Number of an earlier or a later frame."""
+        return int(np.clip(self.frame + by, 0, len(self.picture.scene.times) - 1))
+
+    def show(self, frame: int) -> None:
+        """Show a frame, unless it is shown."""
+        if frame != self.frame:
+            self.frame = frame
+            self.picture.show(frame)
+
+
+def _with_slider(picture: "Picture") -> Player:
+    """A player of a picture, after adding the slider and the arrow keys to its window."""
+    from runout.report.marks import INK
+
+    player, times = Player(picture), picture.scene.times
+    if len(times) > 1:
+        slider = picture.plotter.add_slider_widget(
+            player.to_time, [float(times[0]), float(times[-1])], value=float(times[0]), title="time [s]", fmt="%.3g",
+            pointa=(0.3, 0.08), pointb=(0.7, 0.08), color=INK, interaction_event="always", style="modern",
+        )  # fmt: skip
+
+        def move(by: int) -> None:
+            slider.GetRepresentation().SetValue(float(times[player.beside(by)]))  # before it is drawn
+            player.show(player.beside(by))
+
+        picture.plotter.add_key_event("Right", lambda: move(1))
+        picture.plotter.add_key_event("Left", lambda: move(-1))
+    return player
 
 
 def _files(scene: FlowScene, look: dict[str, Any], made: Path) -> None:

@@ -12,6 +12,7 @@ MOST_CELLS = 250_000  # of the ground; a larger window is averaged over blocks o
 LEAST_CELLS, MOST_FINER = 120_000, 8  # of a smaller window, which is interpolated, and parts of a side of its cells
 LEAST_SHOWN = 0.1  # [m]
 RIM = 0.5  # share of covered ground at the rim of the flow
+Span = tuple[np.ndarray, np.ndarray, bool]  # lowest and highest elevation (rows, columns) of a structure [m]; whether it hangs
 Mesh = tuple[np.ndarray, np.ndarray]  # points (n, 3) in map coordinates [m], and triangles (m, 3) of their numbers
 
 
@@ -207,3 +208,48 @@ def block_means(values: np.ndarray, block: int) -> np.ndarray:
         shape = (*values.shape[:axis], whole, block, *values.shape[axis + 1 :])
         values = values.reshape(shape).mean(axis=axis + 1)
     return values
+
+
+def on_structures(scene: FlowScene, spans: Sequence[Span]) -> FlowScene:
+    """The scene with the flow on the tops of structures where its particles lie there.
+
+    Maps of thickness do not say whether the flow runs over a roof or below it; particles do.
+
+    Parameters
+    ----------
+    spans : sequence of Span
+        Of the structures at the cells of the scene: NaN where they are not.
+    """
+    if not spans or scene.particles is None:
+        return scene
+    lift = np.zeros(scene.thickness.shape, np.float32)
+    mean = [_mean_elevation(scene, frame) for frame in range(len(scene.times))]
+    for low, high, hangs in spans:
+        carried = 0.5 * (low + high) if hangs else high
+        for frame, elevation in enumerate(mean):
+            above = np.nan_to_num(elevation, nan=-np.inf) > np.nan_to_num(carried, nan=np.inf)
+            if above.any():
+                roof = _beside(above) & np.isfinite(high)
+                lift[frame][roof] = np.maximum(lift[frame][roof], (high - scene.ground)[roof])
+    return replace(scene, lift=lift)
+
+
+def _mean_elevation(scene: FlowScene, frame: int) -> np.ndarray:
+    """Mean elevation (rows, columns) [m] of the particles of a frame; NaN where there is none."""
+    assert scene.particles is not None
+    present = scene.particles[frame][np.isfinite(scene.particles[frame]).all(axis=1)]
+    (rows, columns), (dx, dy) = scene.ground.shape, scene.cell_size
+    points = scene.local(present[:, :3])
+    column, row = np.rint(points[:, 0] / dx).astype(int), rows - 1 - np.rint(points[:, 1] / dy).astype(int)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    cell = row[inside] * columns + column[inside]
+    count = np.bincount(cell, minlength=rows * columns)
+    total = np.bincount(cell, points[inside, 2], rows * columns)
+    return np.divide(total, count, out=np.full(rows * columns, np.nan), where=count > 0).reshape(rows, columns)
+
+
+def _beside(mask: np.ndarray) -> np.ndarray:
+    """The cells of a mask and those around them."""
+    around = np.pad(mask, 1)
+    rows, columns = mask.shape
+    return np.any([around[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], axis=0)  # type: ignore[no-any-return]

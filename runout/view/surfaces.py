@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runout.map_quantities import QUANTITIES
+from runout.quantities import QUANTITIES
 from runout.view.scene import FlowScene
 
 COLOURED = {"thickness": QUANTITIES["thickness"], "speed": QUANTITIES["speed"]}  # what the flow may be coloured by

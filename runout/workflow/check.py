@@ -64,46 +64,46 @@ def inspect(checked: "Path | Site", *, forecast: bool = True) -> Findings:
     from runout.config.read import files_outside
     from runout.config.site import read_site
 
-    found = Findings()
+    findings = Findings()
     readable: Site | None
     try:
-        found.site = readable = read_site(checked) if isinstance(checked, Path) else checked
+        findings.site = readable = read_site(checked) if isinstance(checked, Path) else checked
     except ConfigError as error:
-        found.note(error)
+        findings.note(error)
         assert isinstance(checked, Path)  # the settings of a site have been checked
         readable = _readable_part(checked, [problem.key for problem in error.problems])
     if readable is not None:
-        _inspect_inputs(found, readable)
-        if forecast and found.site is not None and found.releases and not found.problems:
-            _forecast_depth(found, found.site)
-        found.name_files_as_stated(readable.folder)
-        found.notes[:0] = files_outside(readable.settings, readable.folder) if found.terrain else []
-    return found
+        _inspect_inputs(findings, readable)
+        if forecast and findings.site is not None and findings.releases and not findings.problems:
+            _forecast_depth(findings, findings.site)
+        findings.name_files_as_stated(readable.folder)
+        findings.notes[:0] = files_outside(readable.settings, readable.folder) if findings.terrain else []
+    return findings
 
 
-def _inspect_inputs(found: Findings, readable: "Site") -> None:
+def _inspect_inputs(findings: Findings, readable: "Site") -> None:
     """Add what is to be said of the input files of a site or of a readable part of it."""
     try:
-        found.terrain = readable.terrain()
+        findings.terrain = readable.terrain()
     except InputError as error:
-        found.note(error)
-        _note_structures(found, readable)
+        findings.note(error)
+        _note_structures(findings, readable)
         return
-    found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
-    _read_releases(found, readable, found.terrain)
-    _read_zones(found, readable, found.terrain)
-    _read_observations(found, readable, found.terrain)
-    _read_probes(found, readable, found.terrain)
-    _inspect_overlaps(found, found.terrain)
-    _inspect_structures(found, readable, found.terrain)
-    if found.site is not None:
-        _inspect_obstacles(found, found.site, found.terrain)
+    findings.notes += [f"{findings.terrain.source}: {change}" for change in findings.terrain.changes]
+    _read_releases(findings, readable, findings.terrain)
+    _read_zones(findings, readable, findings.terrain)
+    _read_observations(findings, readable, findings.terrain)
+    _read_probes(findings, readable, findings.terrain)
+    _inspect_overlaps(findings, findings.terrain)
+    _inspect_structures(findings, readable, findings.terrain)
+    if findings.site is not None:
+        _inspect_obstacles(findings, findings.site, findings.terrain)
         try:
-            _inspect_resolution(found, found.site)
-            _inspect_reach(found, found.site, found.terrain)
-            found.warnings += check_physics.warnings(found.site, found.releases, found.zones)
+            _inspect_resolution(findings, findings.site)
+            _inspect_reach(findings, findings.site, findings.terrain)
+            findings.warnings += check_physics.warnings(findings.site, findings.releases, findings.zones)
         except MaterialError as error:  # of a member
-            found.note(error)
+            findings.note(error)
 
 
 def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
@@ -117,102 +117,102 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
     if not wrong or any(key == "" or key.startswith("terrain") for key in wrong):
         return None
     file = site_file(site_path)
-    stated = read_document(file).values
-    if not isinstance(stated, dict):
+    sections = read_document(file).values
+    if not isinstance(sections, dict):
         return None
-    releases = enumerate(stated["release"] if "release" not in wrong else [])
+    releases = enumerate(sections["release"] if "release" not in wrong else [])
     right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
-    terrain = TerrainSettings.model_validate(stated["terrain"])
+    terrain = TerrainSettings.model_validate(sections["terrain"])
     if any(key.startswith("basal_friction") for key in wrong):  # the law decides what zones and rasters of friction mean
         terrain = terrain.model_copy(update={"friction_zones": None, "friction_rasters": None})
     settings = SiteSettings.model_construct(
-        structures=_readable_structures(stated.get("structures"), wrong),
+        structures=_readable_structures(sections.get("structures"), wrong),
         terrain=terrain,
-        basal_friction=BLOCK.validated(stated["basal_friction"]) if _is_right("basal_friction", stated, wrong) else None,
+        basal_friction=BLOCK.validated(sections["basal_friction"]) if _is_right("basal_friction", sections, wrong) else None,
         release=[ReleaseSettings.model_validate(values) for values in right],
-        observations=_readable_observations(stated.get("observations"), wrong),
-        probes=_readable_probes(stated.get("probes"), wrong),
+        observations=_readable_observations(sections.get("observations"), wrong),
+        probes=_readable_probes(sections.get("probes"), wrong),
     )
     return Site(file.parent, file, file.parent.name, settings)
 
 
-def _is_right(section: str, stated: dict[str, Any], wrong: list[str]) -> bool:
-    return stated.get(section) is not None and not any(key.startswith(section) for key in wrong)
+def _is_right(section: str, sections: dict[str, Any], wrong: list[str]) -> bool:
+    return sections.get(section) is not None and not any(key.startswith(section) for key in wrong)
 
 
-def _readable_observations(stated: Any, wrong: list[str]) -> "ObservationSettings | None":
+def _readable_observations(section: Any, wrong: list[str]) -> "ObservationSettings | None":
     """Observations whose settings are valid."""
     from runout.config.observations import ObservationSettings
 
-    if not isinstance(stated, dict) or "observations" in wrong:
+    if not isinstance(section, dict) or "observations" in wrong:
         return None
-    right = {name: values for name, values in stated.items() if not any(key.startswith(f"observations.{name}") for key in wrong)}
+    right = {name: values for name, values in section.items() if not any(key.startswith(f"observations.{name}") for key in wrong)}
     return ObservationSettings.model_validate(right)
 
 
-def _readable_structures(stated: Any, wrong: list[str]) -> "list[StructureSettings] | None":
+def _readable_structures(section: Any, wrong: list[str]) -> "list[StructureSettings] | None":
     """Structures whose settings are valid."""
     from runout.config.structures import StructureSettings
 
-    if not isinstance(stated, list) or "structures" in wrong:
+    if not isinstance(section, list) or "structures" in wrong:
         return None
-    right = [values for i, values in enumerate(stated) if not any(key.startswith(f"structures[{i}]") for key in wrong)]
+    right = [values for i, values in enumerate(section) if not any(key.startswith(f"structures[{i}]") for key in wrong)]
     return [StructureSettings.model_validate(values) for values in right]
 
 
-def _readable_probes(stated: Any, wrong: list[str]) -> "ProbeSettings | None":
+def _readable_probes(section: Any, wrong: list[str]) -> "ProbeSettings | None":
     """Probes whose settings are valid."""
     from runout.config.probes import ProbeSettings
 
-    sound = isinstance(stated, dict) and not any(key.startswith("probes") for key in wrong)
-    return ProbeSettings.model_validate(stated) if sound else None
+    sound = isinstance(section, dict) and not any(key.startswith("probes") for key in wrong)
+    return ProbeSettings.model_validate(section) if sound else None
 
 
-def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the releases, and note the problems of each."""
     from runout.config.member_arguments import sampled_releases
     from runout.release.statements import start_sentences
 
     reading = site.files.releases()
-    found.releases += sampled_releases(site.settings, reading.content)
+    findings.releases += sampled_releases(site.settings, reading.content)
     for problem in reading.problems:
-        found.note(problem)
-    found.notes += [f"release {release.name}: {change}" for release in found.releases for change in release.changes]
-    found.notes += start_sentences(found.releases)
+        findings.note(problem)
+    findings.notes += [f"release {release.name}: {change}" for release in findings.releases for change in release.changes]
+    findings.notes += start_sentences(findings.releases)
 
 
-def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _read_zones(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     try:
-        found.zones = site.files.zones()
+        findings.zones = site.files.zones()
     except InputError as error:
-        found.note(error)
-    if found.zones:
-        found.notes += [change for change in found.zones.changes if change not in found.zones.warnings]
-        found.warnings += found.zones.warnings
+        findings.note(error)
+    if findings.zones:
+        findings.notes += [change for change in findings.zones.changes if change not in findings.zones.warnings]
+        findings.warnings += findings.zones.warnings
 
 
-def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _read_observations(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the observations, and note the problems of each."""
     reading = site.files.observations()
     observed = reading.content
     for problem in reading.problems:
-        found.note(problem)
+        findings.note(problem)
     if observed is not None:
-        found.notes += [observed.statement(), *observed.changes]
-    found.warnings += check_observations.warnings(site, observed, terrain, found.releases)
+        findings.notes += [observed.statement(), *observed.changes]
+    findings.warnings += check_observations.warnings(site, observed, terrain, findings.releases)
 
 
-def _read_probes(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _read_probes(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     try:
         probes = site.files.probes()
     except InputError as error:
-        found.note(error)
+        findings.note(error)
     else:
-        found.notes += [probes.statement(), *probes.changes] if probes else []
+        findings.notes += [probes.statement(), *probes.changes] if probes else []
 
 
-def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
-    for one, other in combinations(found.releases, 2):
+def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
+    for one, other in combinations(findings.releases, 2):
         shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
         if shared and one.outline is not None and other.outline is not None:
             from runout.io.polygon_overlap import SLIVER
@@ -220,51 +220,51 @@ def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
             cells = one.outline.intersection(other.outline).area / terrain.cell_area
             shared = math.ceil(cells) if cells >= SLIVER else 0
         if shared:
-            found.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
+            findings.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
 
 
-def _inspect_resolution(found: Findings, site: "Site") -> None:
-    if not found.releases:
+def _inspect_resolution(findings: Findings, site: "Site") -> None:
+    if not findings.releases:
         return
-    spacing = grid_spacing(site.settings, found.releases)
-    found.stiffness = check_stiffness.site_stiffness(site, found.releases, found.zones)
-    found.warnings += check_stiffness.warnings(found.stiffness)
-    for release in found.releases:
-        found.problems += _too_coarse(release, spacing)
-        found.warnings += _below_the_threshold(release, site.settings.simulation.arrival_threshold)
-        found.warnings += _trapped(release, site)
+    spacing = grid_spacing(site.settings, findings.releases)
+    findings.stiffness = check_stiffness.site_stiffness(site, findings.releases, findings.zones)
+    findings.warnings += check_stiffness.warnings(findings.stiffness)
+    for release in findings.releases:
+        findings.problems += _too_coarse(release, spacing)
+        findings.warnings += _below_the_threshold(release, site.settings.simulation.arrival_threshold)
+        findings.warnings += _trapped(release, site)
 
 
-def _forecast_depth(found: Findings, site: "Site") -> None:
+def _forecast_depth(findings: Findings, site: "Site") -> None:
     """Forecast how the flow will be resolved, and warn of few cells through its depth."""
     from runout.workflow.flow_forecast import least_resolved
 
-    found.resolution = least_resolved(site, found.stiffness[1:])
-    if coarse := found.resolution.warning():
-        found.warnings.append(f"the member that is resolved least is forecast to have {coarse}")
+    findings.resolution = least_resolved(site, findings.stiffness[1:])
+    if coarse := findings.resolution.warning():
+        findings.warnings.append(f"the member that is resolved least is forecast to have {coarse}")
 
 
-def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _inspect_obstacles(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Warn of obstacles narrower than two cells of the grid, and of dams lower than one."""
     if not site.settings.terrain.obstacles:
         return
     from runout.structures.inspection import LOW
 
-    spacing = grid_spacing(site.settings, found.releases) if found.releases else (0.0, 0.0, 0.0)
+    spacing = grid_spacing(site.settings, findings.releases) if findings.releases else (0.0, 0.0, 0.0)
     cell = max(*spacing[:2], *terrain.cell_size)
     for obstacle, built in zip(site.settings.terrain.obstacles, site.files.obstacles(), strict=True):
         heights, width = [height for height in built.heights if height > 0], built.narrowest
         if heights and min(heights) < spacing[2]:
             low = LOW.format(height=min(heights), cell=spacing[2])
-            found.warnings.append(f"{obstacle.polygons}: the lowest obstacle {low}")
+            findings.warnings.append(f"{obstacle.polygons}: the lowest obstacle {low}")
         if width < 2 * cell:
-            found.warnings.append(
+            findings.warnings.append(
                 f"{obstacle.polygons}: the narrowest obstacle is about {width:.3g} m wide, less than two cells of {cell:.4g} m; "
                 "its volume is kept, its crest is lower than stated: use smaller cells, or draw it wider"
             )
 
 
-def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _inspect_structures(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the structures; on a site whose grid is known, measure their walls too."""
     from runout.config.site_files import may_hold_bodies, sound_bodies
 
@@ -272,24 +272,24 @@ def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> No
         return
     from runout.structures.inspection import low_structures
 
-    known = found.site is not None and found.releases
-    spacing = grid_spacing(site.settings, found.releases) if known else None
+    known = findings.site is not None and findings.releases
+    spacing = grid_spacing(site.settings, findings.releases) if known else None
     try:
         bodies = sound_bodies(site.files, spacing)
-        found.notes += [f"structures: {change}" for change in bodies.changes]
-        found.warnings += low_structures(bodies.solids, terrain, spacing) if spacing else []
+        findings.notes += [f"structures: {change}" for change in bodies.changes]
+        findings.warnings += low_structures(bodies.solids, terrain, spacing) if spacing else []
     except InputError as error:
-        found.note(error)
+        findings.note(error)
 
 
-def _note_structures(found: Findings, site: "Site") -> None:
+def _note_structures(findings: Findings, site: "Site") -> None:
     """Note what is wrong with the files of the structures themselves, where no ground is known to place them on."""
     from runout.config.structures import require_readable
 
     try:
         require_readable(site.settings, site.file)
     except InputError as error:
-        found.note(error)
+        findings.note(error)
 
 
 def _too_coarse(release: "Release", spacing: Sequence[float]) -> Iterator[str]:
@@ -320,21 +320,21 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     if release.placement is Placement.ON_SURFACE:
         return
     members = member_table(site.settings.ensemble)
-    stated = _resting_angle(release, site, {})
+    angle_of_site = _resting_angle(release, site, {})
     sampled = [name for name in members if name in sampled_ranges(site.friction.law)]
-    worst = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=stated)
+    worst_angle = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=angle_of_site)
     largest = float(np.max(members.get("release_volume_factor", 1.0)))
-    for factor, angle in dict.fromkeys([(1.0, stated), (largest, worst)]):
+    for factor, angle in dict.fromkeys([(1.0, angle_of_site), (largest, worst_angle)]):
         scaled = release.scaled(factor) if factor != 1.0 else release
-        below, held = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
-        if max(below, held) > MOST_TRAPPED:
+        below, at_friction = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
+        if max(below, at_friction) > MOST_TRAPPED:
             times = f" with volume factor {factor:.3g}" if factor != 1.0 else ""
             thins = "edge: tapered" if release.outline is not None else "a raster that thins out to its rim"
             fix = thins if release.edge is Edge.VERTICAL else "a longer outline, or less volume,"
             yield (
-                f"release {release.name}{times}: {held:.0%} of {scaled.volume:.4g} m3 lie below the lines that rise from the rim "
-                f"of the scar at the basal friction angle of {math.degrees(angle):.3g} deg, {below:.0%} below its lowest outlet; "
-                f"this mass is trapped unless the rest carries it along; {fix} avoids it"
+                f"release {release.name}{times}: {at_friction:.0%} of {scaled.volume:.4g} m3 lie below the lines that rise from "
+                f"the rim of the scar at the basal friction angle of {math.degrees(angle):.3g} deg, {below:.0%} below its lowest "
+                f"outlet; this mass is trapped unless the rest carries it along; {fix} avoids it"
             )
             return
 
@@ -345,37 +345,37 @@ def _resting_angle(release: "Release", site: "Site", sample: "dict[Any, Any]") -
     return friction if isinstance(friction, float) else math.atan(friction.at_rest)
 
 
-def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _inspect_reach(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Warn of edges of the DEM, and of cells without elevation, over which mass may leave."""
     from runout.terrain import open_edge, prepare
 
-    if not found.releases:
+    if not findings.releases:
         return
-    thickness = np.sum([release.thickness for release in found.releases], axis=0)
-    reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, found.releases, found.zones))
-    found.notes += open_edge.note(terrain)
-    _inspect_relief(found, site, terrain, reach)
+    thickness = np.sum([release.thickness for release in findings.releases], axis=0)
+    reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, findings.releases, findings.zones))
+    findings.notes += open_edge.note(terrain)
+    _inspect_relief(findings, site, terrain, reach)
     cells = open_edge.open_cells(terrain, reach)
     if cells.any():
-        found.warnings.append(open_edge.statement(terrain, cells))
+        findings.warnings.append(open_edge.statement(terrain, cells))
     rims = {"north": reach[0], "south": reach[-1], "west": reach[:, 0], "east": reach[:, -1]}
     sides = [side for side, rim in rims.items() if rim.any()]
     if sides:
-        found.warnings.append(
+        findings.warnings.append(
             f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); mass that leaves is "
             "booked as escaped mass; a larger DEM avoids it"
         )
 
 
-def _inspect_relief(found: Findings, site: "Site", terrain: "Terrain", reach: np.ndarray) -> None:
+def _inspect_relief(findings: Findings, site: "Site", terrain: "Terrain", reach: np.ndarray) -> None:
     """Note what relief in reach of the mass costs; warn of elevations that oscillate."""
     from runout.terrain.roughness import of_ground
 
-    speed = math.sqrt(0.5) * found.stiffness[0].flow_speed
-    relief = of_ground(terrain, grid_spacing(site.settings, found.releases)[:2], reach, speed)
+    speed = math.sqrt(0.5) * findings.stiffness[0].flow_speed
+    relief = of_ground(terrain, grid_spacing(site.settings, findings.releases)[:2], reach, speed)
     if relief is not None:
-        found.notes.append(relief.statement())
-        found.warnings += [relief.warning()] if relief.wave else []
+        findings.notes.append(relief.statement())
+        findings.warnings += [relief.warning()] if relief.wave else []
 
 
 def require_sound(site: "Path | Site") -> None:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from runout import log
 from runout.errors import ExitCode
-from runout.variables import PRINTED
+from runout.variables import PRINTED, VARIABLES
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from runout.scores.assessment import Assessment
     from runout.scores.comparison import Choices, Comparison
     from runout.scores.definitions import Score
@@ -25,24 +27,24 @@ def command(first: Path, second: Path, choices: "Choices", out: Path | None) -> 
     """Compare two products and print the scores; with ``out`` also write page, record and difference maps."""
     from runout.scores.comparison import compare
 
-    found = compare(first, second, choices)
+    comparison = compare(first, second, choices)
     console = log.output()
-    for change in found.changes:
+    for change in comparison.changes:
         LOGGER.warning("%s", change)
-    for line in (*lines(found.found), *member_lines(found)):
+    for line in (*lines(comparison.found), *member_lines(comparison)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if out is not None:
-        for path in write(found, Path(out)):
+        for path in write(comparison, Path(out)):
             LOGGER.info("wrote %s", path)
     return ExitCode.OK
 
 
-def lines(found: "Assessment") -> Iterator[str]:
+def lines(assessment: "Assessment") -> Iterator[str]:
     """One line for each thing that is scored, with the area or number that is unknown."""
     from runout.scores.definitions import undefined_reasons
 
-    for of, counts in found.counts.items():
-        scores = [score for score in found.scores if score.of == of]
+    for of, counts in assessment.counts.items():
+        scores = [score for score in assessment.scores if score.of == of]
         shown = ", ".join(_shown(score) for score in scores if not math.isnan(score.value))
         missing = undefined_reasons((score.name, not math.isnan(score.value)) for score in scores)
         shown = "; ".join(part for part in (shown, f"undefined: {missing}" if missing else "") if part)
@@ -50,20 +52,20 @@ def lines(found: "Assessment") -> Iterator[str]:
         yield f"{of}: {shown}" + (f" ({', '.join(unknown)})" if unknown else "")
 
 
-def member_lines(found: "Comparison") -> Iterator[str]:
+def member_lines(comparison: "Comparison") -> Iterator[str]:
     """The best member with its parameters and scores, then one line for each of the best members."""
-    if not found.members:
+    if not comparison.members:
         return
-    best, *_ = found.members
-    head = f"best of {len(found.members)} members by {found.ranked_by}"
+    best, *_ = comparison.members
+    head = f"best of {len(comparison.members)} members by {comparison.ranked_by}"
     yield f"{head}: member {best.number}{_sampled(best)}"
     for of in dict.fromkeys(score.of for score in best.scores):
         shown = ", ".join(_shown(score) for score in best.scores if score.of == of and not math.isnan(score.value))
         yield f"member {best.number}, {of}: {shown or 'undefined'}"
-    for member in found.members[:LISTED]:
+    for member in comparison.members[:LISTED]:
         yield f"member {member.number}: {', '.join(_ranks(member)) or 'no score that ranks it'}{_sampled(member)}"
-    if len(found.members) > LISTED:
-        yield f"{len(found.members) - LISTED} members more: --out DIR writes all to {TABLE}"
+    if len(comparison.members) > LISTED:
+        yield f"{len(comparison.members) - LISTED} members more: --out DIR writes all to {TABLE}"
 
 
 def _ranks(member: "Member") -> Iterator[str]:
@@ -100,17 +102,46 @@ def _unit(name: str) -> str:
     return "m2" if name.endswith("_m2") else name.removeprefix("unknown_")
 
 
-def write(found: "Comparison", out: Path) -> list[Path]:
+def write(comparison: "Comparison", out: Path) -> list[Path]:
     """Paths of the page, the record and the difference maps with their styles, after writing each as a whole."""
     from runout.io.atomic import write_json, write_text
     from runout.report.comparison import comparison_page
-    from runout.report.difference_maps import write_differences
     from runout.scores.comparison import summary
 
-    maps = write_differences(found, out)
-    record = write_json(summary(found) | {"maps": [path.name for path in maps]}, out / RECORD)
-    table = [write_text(members_csv(found.members), out / TABLE)] if found.members else []
-    return [write_text(comparison_page(found), out / PAGE), record, *table, *maps]
+    maps = write_differences(comparison, out)
+    record = write_json(summary(comparison) | {"maps": [path.name for path in maps]}, out / RECORD)
+    table = [write_text(members_csv(comparison.members), out / TABLE)] if comparison.members else []
+    return [write_text(comparison_page(comparison), out / PAGE), record, *table, *maps]
+
+
+def write_differences(comparison: "Comparison", folder: Path) -> list[Path]:
+    """Paths of a GeoTIFF and a QGIS style for every quantity that both products have, after writing them."""
+    from runout.io.atomic import write_text
+    from runout.io.geotiff import write_cog
+    from runout.io.netcdf import map_dataset
+    from runout.scores.flow import DIFFERENCES
+
+    maps = {DIFFERENCES[quantity]: comparison.difference(quantity) for quantity in comparison.quantities}
+    if not maps:
+        return []
+    dataset = map_dataset(comparison.grid.terrain(), maps, title=f"{comparison.a.path.name} minus {comparison.b.path.name}")
+    paths = []
+    for name in maps:
+        paths.append(write_cog(dataset, name, folder / f"{name}.tif"))
+        paths.append(write_text(difference_style(dataset[name].values, name), folder / f"{name}.qml"))
+    return paths
+
+
+def difference_style(values: "np.ndarray", name: str) -> str:
+    """QGIS style of a signed map, symmetric about 0."""
+    import numpy as np
+
+    from runout.hazard.style import class_edges, qml
+
+    units, divisor = VARIABLES[name].printed
+    known = values[np.isfinite(values)] / divisor
+    smallest, largest = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return qml(class_edges(name, [], smallest, largest), units, name)
 
 
 def members_csv(members: "Sequence[Member]") -> str:

@@ -40,9 +40,9 @@ class Flow:
     Attributes
     ----------
     duration : float
-        [s]
+        Time until it rests or ends [s].
     path : float
-        Of its fastest point [m].
+        Way of its fastest point [m].
     share : float
         Mean share of its mass that is on the terrain [1].
     """
@@ -66,7 +66,7 @@ def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> li
     The fastest flow reaches about ``largest_speed`` [m/s]. Members of one volume slide together.
     """
     flows: dict[int, Flow] = {}
-    volumes = [tuple(r.volume for r in given["release"]) for given in arguments]
+    volumes = [tuple(r.volume for r in member["release"]) for member in arguments]
     for volume in dict.fromkeys(volumes):
         alike = [k for k, other in enumerate(volumes) if other == volume]
         flows |= zip(alike, _flows_from_one_scar([arguments[k] for k in alike], largest_speed), strict=True)
@@ -79,9 +79,9 @@ def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: 
     thickness = [GATHERED * float(r.thickness[r.thickness > 0].mean()) for r in releases]
     resistance = _resistance(arguments, releases, spacing[2], largest_speed, thickness)
     drags = isinstance(resistance, ColumnResistance) and resistance.law.drags  # else thickness does not change the motion
-    found = slide(releases, resistance, len(arguments), spacing[:2], end_time, most=thickness if drags else None)
+    slides = slide(releases, resistance, len(arguments), spacing[:2], end_time, most=thickness if drags else None)
     settling = 1.0 if drags else SETTLING  # points with drag slow down one by one as the mass does
-    return [_flow(found, k, end_time, settling if first["stop"] else None) for k in range(len(arguments))]
+    return [_flow(slides, k, end_time, settling if first["stop"] else None) for k in range(len(arguments))]
 
 
 def depth_of_flow(arguments: Mapping[str, Any], flow_speed: float) -> float:
@@ -102,26 +102,26 @@ def least_resolved(site: "Site", members: "Sequence[Stiffness]") -> DepthResolut
     volumes = np.array([sample.get(VOLUME, 1.0) for sample in samples])
     speeds = np.array([one.flow_speed for one in members])
     chosen = {int(speeds.argmax()), int(np.where(volumes == volumes.min(), speeds, -1.0).argmax())}
-    found = []
+    resolutions = []
     for k in sorted(chosen):
         arguments = site.member_arguments(samples[k])
         scene = _scene(arguments, members[k].materials)
         step, speed = scene.stable_step(0.0), members[k].flow_speed
         transfer = step * scene.substep_count(step, speed)
-        found.append(DepthResolution.of(depth_of_flow(arguments, speed), scene, transfer))
-    return min(found, key=lambda one: one.depth)
+        resolutions.append(DepthResolution.of(depth_of_flow(arguments, speed), scene, transfer))
+    return min(resolutions, key=lambda one: one.depth)
 
 
-def _flow(found: Slide, k: int, end_time: float, settling: float | None) -> Flow:
+def _flow(slides: Slide, k: int, end_time: float, settling: float | None) -> Flow:
     """Flow of member k; ``settling`` is its duration over that of points, None for a run that ends at ``end_time`` [s]."""
-    time, speed = found.time, found.speed[:, k]
-    over = (_rests(speed) if settling else np.zeros(len(time), bool)) | (found.share[:, k] == 0)
+    time, speed = slides.time, slides.speed[:, k]
+    over = (_rests(speed) if settling else np.zeros(len(time), bool)) | (slides.share[:, k] == 0)
     last = int(np.argmax(over)) if over.any() else len(time) - 1
     lasting, duration = np.diff(time[: last + 1], prepend=0.0), float(time[last])
     if settling and (over.any() or time[-1] < end_time * (1 - 1e-6)):
         duration *= settling
     duration = min(duration, end_time) if settling else end_time
-    fastest, share = (np.average(one[: last + 1, k], weights=lasting) for one in (found.fastest, found.share))
+    fastest, share = (np.average(one[: last + 1, k], weights=lasting) for one in (slides.fastest, slides.share))
     return Flow(duration, float(fastest) * duration, float(share))
 
 
@@ -130,11 +130,11 @@ def _resistance(
 ) -> Resistance:
     """Resistance of the ground in each member, to columns of a ``thickness`` [m] of each release."""
     grounds = []
-    for given in arguments:
-        basal = given.get("basal_friction") or math.radians(given["basal_friction_angle"])
-        materials = [r.material or given["material"] for r in releases]
+    for member in arguments:
+        basal = member.get("basal_friction") or math.radians(member["basal_friction_angle"])
+        materials = [r.material or member["material"] for r in releases]
         frictions, strengths = basal_strength.frictions_under(releases, basal), basal_strength.strengths(materials, height)
-        grounds.append(ground_below(materials, frictions, strengths, given["friction_zones"]))
+        grounds.append(ground_below(materials, frictions, strengths, member["friction_zones"]))
     if grounds[0].law.name == DEFAULT_FRICTION:
         return resting_resistance(grounds)
     return ColumnResistance(grounds, thickness, fastest)
@@ -151,18 +151,19 @@ def _rests(speed: np.ndarray) -> np.ndarray:
 def member_steps(site: "Site", members: "Sequence[Member]") -> list[MemberSteps]:
     """Steps of each member."""
     data = site.data()
-    found = member_stiffness(site, data.releases, data.friction_zones, [m.parameters for m in members])
-    speeds = np.array([s.flow_speed for s in found])
+    stiffnesses = member_stiffness(site, data.releases, data.friction_zones, [m.parameters for m in members])
+    speeds = np.array([s.flow_speed for s in stiffnesses])
     chosen = np.unique(np.argsort(speeds)[np.linspace(0, len(members) - 1, min(EXACT, len(members))).round().astype(int)])
     chosen = chosen[np.argsort(speeds[chosen])]
-    given = [site.member_arguments(members[k].parameters) for k in chosen]
-    flows = flows_of(given, float(speeds.max()))
+    arguments = [site.member_arguments(members[k].parameters) for k in chosen]
+    flows = flows_of(arguments, float(speeds.max()))
     columns = np.array([[f.duration, f.path, f.share] for f in flows]).T
     between = [np.interp(speeds, speeds[chosen], column) for column in columns]
     for k, flow in zip(chosen, flows, strict=True):
         for row, value in zip(between, (flow.duration, flow.path, flow.share), strict=True):
             row[k] = value
-    return [_steps(given[0], one, Flow(*flow)) for one, *flow in zip(found, *(row.tolist() for row in between), strict=True)]
+    rows = [row.tolist() for row in between]
+    return [_steps(arguments[0], one, Flow(*flow)) for one, *flow in zip(stiffnesses, *rows, strict=True)]
 
 
 def _steps(grid: Mapping[str, Any], stiffness: "Stiffness", flow: Flow) -> MemberSteps:

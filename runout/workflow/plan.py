@@ -14,9 +14,9 @@ from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
-from runout.map_quantities import member_map_names
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
+from runout.quantities import member_map_names
 from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
@@ -49,17 +49,17 @@ class Forecast:
     workers : int
         Members that run at the same time.
     particles, steps : int
-        Of the member with the largest volume factor.
+        Number of particles and of steps of the member with the largest volume factor.
     member_seconds : float
         Time of that member on one core [s].
     seconds : float
         Time of all members [s].
     memory, disk : float
-        Of all workers together, and of all results [bytes].
+        Memory of all workers together, and disk space of all results [bytes].
     range_of_steps : tuple of int
         Least and most steps of a member.
     particle_steps : float
-        Of all members.
+        Sum over the members of the number of particles times the number of steps.
     measured : bool
         Whether the time of a step was measured on this machine.
     """

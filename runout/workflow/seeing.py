@@ -20,8 +20,7 @@ from runout.view import film, process
 from runout.view.camera import stated_direction
 from runout.view.frames import flow_scene, held
 from runout.view.image import draped_image
-from runout.view.roofs import Span, on_structures
-from runout.view.scene import FlowScene, Mesh
+from runout.view.scene import FlowScene, Mesh, Span, on_structures
 from runout.view.surfaces import COLOURED
 from runout.workflow.single_member import chosen_member, simulation_file
 from runout.workflow.study import Study
@@ -54,7 +53,7 @@ class Choices:
     size : tuple of int
         Width and height [pixel].
     device : str or None
-        Where a simulation is made that is not there, instead of what site.yaml says.
+        Device of a simulation that has to be made first; it replaces that of site.yaml.
     """
 
     member: int = 0

@@ -8,9 +8,9 @@ import pytest
 from scenes import HASH_DEVICE, SAND, at, engine_of, scene
 
 from runout import ConfigError, Probes, Release, Terrain, simulate
-from runout.map_quantities import peak_quantities
 from runout.model.numerics import Numerics
 from runout.model.scene import Raster
+from runout.quantities import peak_quantities
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
 

@@ -9,16 +9,15 @@ import pandas as pd
 import pyproj
 import shapely
 
-from runout.backends.compile import rebound
 from runout.config.stated_at import Reading
 from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.member_maps import RASTER, cut_to_reached
 from runout.io.provenance import sha256
-from runout.map_quantities import QUANTITIES, peak_quantities
 from runout.model.release import Release
+from runout.model.shared_subset import for_arrays
 from runout.model.terrain import Terrain
-from runout.simulation.probe_recorder import OF_ARRAYS
+from runout.quantities import QUANTITIES, peak_quantities
 
 SHAPE = (37, 53)  # odd and unequal, so that a transposed or flipped map cannot pass
 CELL = (10.0, 12.0)
@@ -46,7 +45,7 @@ def make_terrain(crs: str | None = "EPSG:32616") -> Terrain:
 def peaks_of(thickness: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
     """Maps of every quantity that has a formula, of a flow of 2000 kg/m3."""
     density = np.full(thickness.shape, 2000.0)
-    return {q.member_map: rebound(q.formula, OF_ARRAYS, {})(thickness, speed, density) for q in peak_quantities()}
+    return {q.member_map: for_arrays(q.formula)(thickness, speed, density) for q in peak_quantities()}
 
 
 def member_maps(number: int) -> dict[str, np.ndarray]:

@@ -9,8 +9,8 @@ from synthetic_ensemble import MARKER, SHAPE, make_terrain, member_maps, write_m
 from runout.errors import StorageError
 from runout.hazard.exceedance import aggregate, effective_sample_size, normalised, weighted_percentiles
 from runout.io import netcdf
-from runout.map_quantities import QUANTITIES
 from runout.model.terrain import Terrain
+from runout.quantities import QUANTITIES
 
 THRESHOLDS = {"thickness": [0.1, 1.0, 2.0], "speed": [1.0, 5.0], "pressure": [3e3, 3e4]}
 THRESHOLDS |= {"momentum_flux": [1.0, 10.0, 50.0], "deposit": [0.5, 1.0]}

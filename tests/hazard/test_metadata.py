@@ -12,7 +12,7 @@ import rasterio
 from compliance_checker.runner import CheckSuite, ComplianceChecker
 from synthetic_ensemble import Products, make_site, make_table
 
-from runout.config.metadata import MetadataSettings
+from runout.config.schema import MetadataSettings
 from runout.hazard.products import write_products
 
 STATED = MetadataSettings(

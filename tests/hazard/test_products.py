@@ -28,8 +28,8 @@ from runout.errors import ExitCode, PartialEnsembleError, StorageError
 from runout.hazard.maps import HEADLINE_MAPS, TERRAIN_MAPS, map_layers
 from runout.hazard.products import ground_slope, write_products
 from runout.io import netcdf
-from runout.map_quantities import QUANTITIES
 from runout.model.terrain import Terrain
+from runout.quantities import QUANTITIES
 from runout.variables import VARIABLES
 
 SYSTEMS = pytest.mark.parametrize("system", ["products", "local_products"])

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from runout.io import fingerprint
-from runout.io.known_files import KnownFiles
+from runout.io.fingerprint import KnownFiles
 from runout.io.provenance import sha256
 
 

@@ -9,7 +9,7 @@ import shapely
 import xarray as xr
 
 from runout.hazard.joint import with_conditions
-from runout.map_quantities import QUANTITIES
+from runout.quantities import QUANTITIES
 
 ROWS, COLUMNS, CELL = 130, 150, 20.0
 WEST, SOUTH = 735000.0, 4040000.0

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from runout.errors import RenderError
-from runout.view import process, software_gl
+from runout.view import process
 
 SMALL = {"size": (240, 160)}
 
@@ -63,7 +63,7 @@ def test_a_process_that_vtk_ends_becomes_one_line(scene, tmp_path, monkeypatch):
 @pytest.mark.skipif(ctypes.util.find_library("OSMesa") is not None, reason="OSMesa is installed, so that VTK can draw")
 def test_vtk_without_opengl_becomes_one_line(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-    monkeypatch.setattr(software_gl, "library", lambda: None)
+    monkeypatch.setattr(process, "osmesa_library", lambda: None)
     with pytest.raises(RenderError) as caught:
         process.make("frames", scene.frames(1), SMALL, tmp_path)
     assert str(caught.value) == process.NO_OPENGL
@@ -71,7 +71,7 @@ def test_vtk_without_opengl_becomes_one_line(scene, tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("opengl")
 def test_the_extra_software_gl_draws_without_display_and_driver(scene, tmp_path, monkeypatch):
-    if software_gl.library() is None:
+    if process.osmesa_library() is None:
         pytest.skip("lavavu-osmesa is not installed (extra software-gl), or has no wheel for this machine")
     monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")  # what VTK takes where nothing else is found
     monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
@@ -84,17 +84,17 @@ def test_a_library_path_of_the_user_comes_before_the_extra(tmp_path, monkeypatch
     (tmp_path / "wheel").mkdir()
     osmesa = tmp_path / "wheel" / "libOSMesa-1234.so.8"
     osmesa.write_bytes(b"")
-    monkeypatch.setattr(software_gl, "library", lambda: osmesa)
+    monkeypatch.setattr(process, "osmesa_library", lambda: osmesa)
     monkeypatch.setenv("LD_LIBRARY_PATH", "/of/the/user")
     job = tmp_path / "job"
     job.mkdir()
-    assert software_gl.environment(job) == {"LD_LIBRARY_PATH": os.pathsep.join(["/of/the/user", str(job), str(osmesa.parent)])}
-    assert (job / software_gl.NAME).resolve() == osmesa
+    assert process.opengl_environment(job) == {"LD_LIBRARY_PATH": os.pathsep.join(["/of/the/user", str(job), str(osmesa.parent)])}
+    assert (job / process.OSMESA_NAME).resolve() == osmesa
 
 
 def test_without_the_extra_the_library_path_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(software_gl, "DISTRIBUTION", "no-such-distribution")
-    assert software_gl.environment(tmp_path) == {}
+    monkeypatch.setattr(process, "OSMESA_DISTRIBUTION", "no-such-distribution")
+    assert process.opengl_environment(tmp_path) == {}
 
 
 @pytest.mark.usefixtures("drawable")

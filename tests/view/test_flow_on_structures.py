@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from runout.view.roofs import on_structures
-from runout.view.scene import FlowScene
+from runout.view.scene import FlowScene, on_structures
 from runout.view.surfaces import flow_points
 
 

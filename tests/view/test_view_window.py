@@ -8,7 +8,7 @@ pytest.importorskip("pyvista", reason="pyvista is not installed (extra view)")
 
 
 def test_the_slider_and_the_keys_choose_the_frame(scene):
-    from runout.view.window import Player
+    from runout.view.renderer import Player
 
     shown = []
     player = Player(SimpleNamespace(scene=scene, show=shown.append))

@@ -20,7 +20,7 @@ from runout.errors import ExitCode
 from runout.io import netcdf
 from runout.io.geotiff import write_cog
 from runout.io.member_maps import read_maps
-from runout.map_quantities import QUANTITIES
+from runout.quantities import QUANTITIES
 
 UTM = "EPSG:32632"
 

@@ -37,5 +37,5 @@ def probe_layers(probes: "Probes | None") -> dict[str, tuple[str, list[dict[str,
         return {}
     points = [{"name": p.name, "geometry": Point(p.easting, p.northing)} for p in probes.points]
     lines = [{"name": s.name, "length_m": s.length, "geometry": LineString(s.vertices)} for s in probes.cross_sections]
-    found = {"probes": ("Point", points), "cross_sections": ("LineString", lines)}
-    return {name: layer for name, layer in found.items() if layer[1]}
+    layers = {"probes": ("Point", points), "cross_sections": ("LineString", lines)}
+    return {name: layer for name, layer in layers.items() if layer[1]}
