@@ -158,7 +158,7 @@ def test_a_coefficient_of_zones_that_is_an_angle_in_degrees_is_refused():
 
 def test_settings_and_python_have_one_table_of_ranges():
     shared = {name: field for name, field in SimulationSettings.model_fields.items() if name in LIMITS and name != "cell_size"}
-    assert len(shared) >= 5
+    assert len(shared) >= 4
     for name, field in shared.items():
         valid = LIMITS[name]
         assert bounds_of(field) == valid.bounds(), name

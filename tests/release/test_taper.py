@@ -182,8 +182,8 @@ def left(edge: str, factor: float) -> float:
 
 
 def test_a_tapered_mass_leaves_its_scar_and_one_in_a_pit_does_not():
-    """Measured 2.4 % of 1.0 and 2.9 % of 1.5 times the volume in a pit with vertical walls."""
-    assert left("tapered", 1.0) < 0.01 < 0.02 < left("vertical", 1.0)
+    """Measured 1.1 % of 1.0 times the volume in a pit with vertical walls, and a hundredth of that where it is tapered."""
+    assert 10.0 * left("tapered", 1.0) < 0.008 < left("vertical", 1.0)
     assert left("vertical", 1.5) < 0.04
     assert left("tapered", 1.5) < 0.01
 

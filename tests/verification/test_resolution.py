@@ -77,7 +77,7 @@ def test_a_run_reports_its_resolution_and_warns_of_few_cells(tmp_path, caplog, t
     with caplog.at_level(logging.WARNING, "runout"):
         result = simulate(
             terrain, Release.from_array(heap, terrain), sand, cell_size=(2.5, 2.5, 2.0), particles_per_cell=(1, 1, 2), end_time=0.3,
-            backend="reference", stop=False,
+            backend="reference", stop=False, substeps=1,
         )  # fmt: skip
     assert any(record.message.endswith(LOST) for record in caplog.records) == coarse
     assert 0.6 * thickness / 2.0 < result.depth_resolution.cells_through_depth < 1.05 * thickness / 2.0
