@@ -1,4 +1,4 @@
-"""Chain of calls that raises the peaks of a cell, one link for each quantity of :mod:`runout.map_quantities`.
+"""Chain of calls that raises the peaks of a cell, one link for each quantity of :mod:`runout.quantities`.
 
 Compiled code cannot loop over functions; each link holds one formula and the next link.
 """

@@ -24,11 +24,11 @@ import numpy as np
 from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import BoxSums, RasterSums
-from runout.map_quantities import peak_quantities
 from runout.model.depth_resolution import SHARING as FEWEST
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics.numerical_scales import smoothed_area
+from runout.quantities import peak_quantities
 
 HALVES = 2  # cells of the lattice in a cell of the grid, along each axis
 

@@ -14,10 +14,10 @@ import numpy as np
 from runout import __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
 from runout.io.atomic import write_json
-from runout.map_quantities import member_map_names
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.structures import CELLS, Patches, StructureField
+from runout.quantities import member_map_names
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene, scene_arguments

@@ -1,10 +1,10 @@
 """The ensemble with the real simulation on a tiny slope, in worker processes."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
-import re
 import numpy as np
 import pytest
 from netCDF4 import Dataset
