@@ -25,7 +25,7 @@ def test_stronger_sand_runs_out_less_far(results):
     runouts = [row["runout"] for row in rows]
     assert [row["friction_angle_deg"] for row in rows] == list(columns.ANGLES)
     assert runouts[0] > 1.5 * runouts[1] > 1.5 * runouts[2]
-    assert rows[0]["low"] < runouts[0] < 1.06 * rows[0]["high"]  # the coarse grid of CI; that of the page is within
+    assert rows[0]["low"] < runouts[0] < 1.06 * rows[0]["high"]  # weaker than sand is
 
 
 def test_landslide_reaches_the_place_and_moves_the_volume_of_the_event(results):
