@@ -51,7 +51,7 @@ DIFFERENCES = """\
   {low:.0f} mm too low on average up to {low_until:.2f} m from the wall and {high:.0f} mm too high beyond.
 - **Sand**: the experiments used sand of about 30 deg and found little influence of the material. The model has one: a weak sand
   runs out farther, a strong one less. The run-out also falls short by some cells on these grids ({{doc}}`/verification`, F4), so
-  that 40 deg lies below the experiments for two reasons.
+  that columns as high as wide lie below the experiments with 40 deg for two reasons.
 - A cone of 30 deg in plane strain is weaker in a round core ({triaxial:.0f} deg in triaxial compression); {{doc}}`/verification`
   encloses the round experiments with both cones."""
 ROD_HEADS = (
