@@ -156,8 +156,8 @@ VORTEX = Case(
     "4 x 4 particles a cell; RMS",
     measure_vortex,
     "With fewer particles a cell the quadrature of moving particles limits the error of four substeps: with 3 x 3 and 8, 12, 16 "
-    "and 24 cells the largest in 1 s is 0.084, 0.031, 0.021 and 0.012, where one substep has 0.117, 0.053, 0.028 and 0.013. Not run: "
-    "A = 1, the hard form of the literature. Its shear reaches 6, and Hencky's shear stress falls beyond a shear of 3.0: the "
+    "and 24 cells the largest in 1 s is 0.084, 0.031, 0.021 and 0.012, where one substep has 0.117, 0.053, 0.028 and 0.013. Not "
+    "run: A = 1, the hard form of the literature. Its shear reaches 6, and Hencky's shear stress falls beyond a shear of 3.0: the "
     "solution itself is unstable there, and finer grids fail (29 % error on the way back at h = 1/32 m). The literature's "
     "neo-Hookean solid has no such limit.",
 )
