@@ -56,6 +56,7 @@ class Case:
     has_error: bool = True
     particles: str = ""  # of a cell in the version after; empty for the default
     beside: bool = False  # not in the mean of the page
+    cell_after: float = 0.0  # [m] of the version after, where its error is that of the version before; 0: the same cells
 
 
 CASES = (
@@ -66,6 +67,10 @@ CASES = (
     Case("CoulombOnly, 5 m", "coulomb_only", 5.0, particles=AS_BEFORE),
     Case("CoulombOnly, 10 m, default particles", "coulomb_only", 10.0, beside=True),
     Case("CoulombOnly, 5 m, default particles", "coulomb_only", 5.0, beside=True),
+    Case("frank_slide, 20 m and 34 m", "frank_slide", 20.0, cell_after=34.0, beside=True),
+    Case("jacksboro, 20 m and 25 m", "jacksboro", 20.0, cell_after=25.0, beside=True),
+    Case("CoulombOnly, 10 m and 13 m", "coulomb_only", 10.0, cell_after=13.0, beside=True),
+    Case("cascades_2021, 3 m and 3.6 m", "cascades_2021", 3.0, cell_after=3.6, beside=True),
     Case("hazard of 500 members", command="aggregate", has_error=False),
     Case("check jacksboro", "jacksboro", command="check", has_error=False),
 )
@@ -91,7 +96,8 @@ def snow_site(folder: Path, version: str) -> None:
 def site_folder(case: Case, version: str, folder: Path, finer: float = 1.0) -> Path:
     """Folder of the site of a case."""
     few = "_few" if version == "after" and case.particles else ""
-    return folder / f"{case.site}_{case.cell:g}_{case.command}_{version}_{finer:g}{few}"
+    cell = case.cell_after if version == "after" and case.cell_after else case.cell
+    return folder / f"{case.site}_{cell:g}_{case.command}_{version}_{finer:g}{few}"
 
 
 def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1.0) -> Path:
@@ -108,7 +114,8 @@ def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1
         text = re.sub(r"^ *youngs_modulus:.*\n", "", text, flags=re.MULTILINE)
     if version == "after" and case.particles:
         text = text.replace("simulation: {", f"simulation: {{particles_per_cell: {case.particles}, ")
-    cell = (case.cell or float(re.findall(r"cell_size: ([\d.]+)", text)[0])) / finer
+    stated = case.cell_after if version == "after" and case.cell_after else case.cell
+    cell = (stated or float(re.findall(r"cell_size: ([\d.]+)", text)[0])) / finer
     text = re.sub(r"cell_size: [\d.]+", f"cell_size: {cell:g}", text)
     text = re.sub(r"^budget: .*$", "", text, flags=re.MULTILINE)
     (copy / "site.yaml").write_text(text)

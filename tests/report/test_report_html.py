@@ -210,7 +210,7 @@ def test_relief_is_said_as_check_says_it(site, copy):
     (copy / "run.json").write_text(json.dumps(run | {"relief": relief.record()}), encoding="utf-8")
     assert tables.balance(read_study(copy))["relief"] == f"{relief.statement()}."
     assert "has 0.52 m (rms)" in relief.statement()
-    assert "act like 0.74 to 2.5 degrees of friction more" in relief.statement()
+    assert "act like 0.69 to 2.5 degrees of friction more" in relief.statement()
     assert f"{relief.warning()}." in tables.warnings(read_study(copy), site.resolved())
 
 
