@@ -68,9 +68,8 @@ CASES = (
     Case("CoulombOnly, 10 m, default particles", "coulomb_only", 10.0, beside=True),
     Case("CoulombOnly, 5 m, default particles", "coulomb_only", 5.0, beside=True),
     Case("frank_slide, 20 m and 34 m", "frank_slide", 20.0, cell_after=34.0, beside=True),
-    Case("jacksboro, 20 m and 25 m", "jacksboro", 20.0, cell_after=25.0, beside=True),
-    Case("CoulombOnly, 10 m and 13 m", "coulomb_only", 10.0, cell_after=13.0, beside=True),
-    Case("cascades_2021, 3 m and 3.6 m", "cascades_2021", 3.0, cell_after=3.6, beside=True),
+    Case("jacksboro, 20 m and 21 m", "jacksboro", 20.0, cell_after=21.0, beside=True),
+    Case("CoulombOnly, 10 m and 17 m", "coulomb_only", 10.0, cell_after=17.0, beside=True),
     Case("hazard of 500 members", command="aggregate", has_error=False),
     Case("check jacksboro", "jacksboro", command="check", has_error=False),
 )
