@@ -47,7 +47,7 @@ by a fifth. On a GPU ({card}, float32, layers of `runout bench`), nanoseconds a 
 {gpu}
 
 On this CPU a substep costs what a step costs, within the spread of the runs. On this GPU a substep of 0.1 and 0.3 million
-particles costs at most what a step costs, one of 1 and 10 million 14 and 24 % more: the nodes and the particles are read again.
+particles costs at most what a step costs, one of 1 and 10 million 14 and 24 % more.
 
 ## Full table
 

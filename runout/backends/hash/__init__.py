@@ -1,8 +1,8 @@
 """The GPU backend: a sparse grid of 4 x 4 x 4 blocks in a hash table, compiled by warp.
 
 ``groups`` lists all arrays. Phases: ``index`` finds blocks, ``cells`` lists the particles of each cell, ``particles_to_grid``,
-``contact_detection`` (with ``ground``), ``contact_solution``, ``stencil`` (nodes), ``grid_to_particles`` (with ``deform``, or
-``gradients`` and ``forces``), ``sort``, ``observe`` and ``readback``. ``step`` is the order of the launches, ``parts`` what a batch
+``contact_detection`` (with ``ground``), ``contact_solution``, ``stencil`` (nodes), ``substeps``, ``grid_to_particles`` (with
+``deform``), ``sort``, ``observe`` and ``readback``. ``step`` is the order of the launches, ``parts`` what a batch
 holds, ``batch`` the steps of several scenes, ``backend`` of one. ``kernels`` compiles; ``natives`` and ``reductions`` are in CUDA.
 The same kernels run on a CPU, one lane a block, for tests without a GPU.
 
