@@ -30,8 +30,8 @@ coverage with other numbers.
 
 **{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
 that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
-Of the cases that were held out ({outside}; among constants that the others rank alike, the choice saw them), {held_outside} of {count_outside} bars hold
-({part_outside:.0f} %), and the median bar is {ratio_outside:.1f} times the median difference.
+Of the cases that were held out ({outside}; among constants that the others rank alike, the choice saw them), {held_outside}
+of {count_outside} bars hold ({part_outside:.0f} %), and the median bar is {ratio_outside:.1f} times the median difference.
 
 ![Difference from the value of the fine grid against the bar](error_bars.png)
 
