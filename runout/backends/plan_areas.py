@@ -50,16 +50,15 @@ def begun_impulses(scene: Scene, p: Particles, dt: float) -> np.ndarray:
     return lasting.reshape(-1, 1) * p.ground_force  # type: ignore[no-any-return]
 
 
-def column_drags(
-    scene: Scene, u: np.ndarray, normal: np.ndarray, impulses: np.ndarray, basal: np.ndarray, area: np.ndarray, dt: float
-) -> np.ndarray:
+def column_drags(scene: Scene, u: np.ndarray, contacts: Any, impulses: np.ndarray, compliance: np.ndarray, dt: float) -> np.ndarray:
     """Drags (n, 1) [kg/m] by which contacts slow the columns of nodes around (:func:`runout.physics.contact.column_drag`).
 
-    ``u``, ``normal`` and ``impulses`` are (n, 3), ``basal`` the records of friction and ``area`` [m2] (n,).
+    ``u`` and ``impulses`` are (n, 3), ``compliance`` [1/kg] (n,), ``contacts`` those of the reference.
     """
-    contacts = zip(impulses.tolist(), u.tolist(), normal.tolist(), area.tolist(), basal.view(np.recarray), strict=True)
-    drag = scene.basal.law.column_drag
-    return np.array([drag(push, felt, n, a, dt, record) for push, felt, n, a, record in contacts]).reshape(-1, 1)
+    drag, gravity = scene.basal.law.column_drag, math.hypot(*scene.gravity)
+    each = (impulses, u, contacts.normal, contacts.area, compliance)
+    rows = zip(*(values.tolist() for values in each), contacts.basal.view(np.recarray), strict=True)
+    return np.array([drag(*numbers, gravity, dt, record) for *numbers, record in rows]).reshape(-1, 1)
 
 
 def slow_columns(

@@ -171,14 +171,17 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
     return vec(normal * n[0] + s * tx, normal * n[1] + s * ty, normal * n[2] + s * tz)
 
 
-def column_drag(push: Any, u: Any, n: Any, area: Any, dt: Any, basal: Any):
-    """Drag [kg/m] by which a contact with the impulse ``push`` [N s] slows the columns of nodes around it; 0 without pressure.
+def column_drag(push: Any, u: Any, n: Any, area: Any, compliance: Any, gravity: Any, dt: Any, basal: Any):
+    """Drag [kg/m] by which a contact with the impulse ``push`` [N s] slows the columns of nodes around it.
 
-    ``u`` is the velocity of the particle, as for :func:`impulse`.
+    ``u`` is the velocity of the particle, as for :func:`impulse`. A contact that does not press in this step has the drag of its
+    own weight, as mass in flight has (:func:`free_column_drag`); its mass is that which it shares with its neighbours, one over the
+    ``compliance`` [1/kg]. The contacts of a transfer share the ground among them: without this a column whose contacts press in
+    turns would have less drag than one that flies. ``gravity`` [m/s2] is the magnitude.
     """
     normal = dot(push, n)
     if normal <= real(0.0):
-        return real(0.0)
+        normal = gravity * dt / compliance
     un = dot(u, n)
     slip = math.sqrt(max(real(0.0), dot(u, u) - un * un))
     _, drag = law_resistance(normal, slip, area, dt, basal)

@@ -193,7 +193,7 @@ CASES = [
     Case(contact.law_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.limited_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.steady_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
-    Case(contact.column_drag, "vvvssm", "s", (vector, vector, vector, area, step)),
+    Case(contact.column_drag, "vvvssssm", "s", (vector, vector, vector, area, between(0.01, 5.0), between(1.0, 10.0), step)),
     Case(contact.covered_share, "sss", "s", (between(0.1, 50.0), between(50.0, 300.0), between(100.0, 4000.0))),
     Case(contact.free_column_drag, "svsssm", "s", (between(0.1, 50.0), vector, area, between(1.0, 10.0), step)),
     Case(contact.column_slowing, "svss", "v", (between(0.1, 50.0), vector, between(0.0, 50.0), step)),

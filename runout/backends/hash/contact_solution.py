@@ -253,7 +253,7 @@ def _push(
         basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, _moved(f, way, constants.h))]
         push = impulse(u, n, gap, compliance, basal, dt, given, area)
         if DRAGS_COLUMN:
-            drag = column_drag(push, u, n, area, dt, basal)
+            drag = column_drag(push, u, n, area, compliance, real(wp.length(constants.gravity)), dt, basal)
     before = _velocity_in_place(particles.rec, p) if SUBSTEPPED else _velocity(particles.rec, p)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2]), drag
 

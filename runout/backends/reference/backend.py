@@ -224,16 +224,16 @@ class ReferenceBackend:
         *, first: bool,
     ) -> None:  # fmt: skip
         """Change nodal velocities by one impulse of the ground per contact particle; the ``first`` substep starts from a share."""
-        chosen, _, normal, area, basal = contacts
+        chosen, _, _, area, basal = contacts
         p, gap = self._p.take(chosen), contacts.moved(self.loops, way)
         given = self._share * begun_impulses(self.scene, p, dt) if first else dt * p.ground_force
         solve = partial(self.loops.take_impulses, gap, basal, area, dt)
-        u, impulses, work = contacts.push(self._p, given, stencils, mass, velocity, solve)
+        u, impulses, work, compliance = contacts.push(self._p, given, stencils, mass, velocity, solve)
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
         if self.scene.basal.law.drags_column:
-            drags = column_drags(self.scene, u, normal, impulses, basal, area, dt)
+            drags = column_drags(self.scene, u, contacts, impulses, compliance, dt)
             done, push = slow_columns(self.scene, self._p, stencils, mass, velocity, stencils.scatter(drags, chosen), dt)
             self._basal, self._basal_impulse = self._basal - done, self._basal_impulse + push
 

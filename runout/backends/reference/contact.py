@@ -31,11 +31,11 @@ class Contacts(NamedTuple):
 
     def push(
         self, p: Particles, given: np.ndarray, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, solve: Callable[..., Any]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Change nodal velocities (nodes, 3) [m/s] by impulses that start from the ``given`` ones (m, 3) [N s].
 
         ``solve`` is a loop of :mod:`runout.backends.reference.particles`. Returns the velocities (m, 3) [m/s] that the grid gives
-        with the ``given`` impulses, the impulses (m, 3) [N s] and their work (m,) [J].
+        with the ``given`` impulses, the impulses (m, 3) [N s], their work (m,) [J] and the compliances (m,) [1/kg].
         """
         weights = stencils.scatter(np.ones((len(given), 1)), self.chosen)
         compliance = stencils.gather(quotient(weights, mass), self.chosen)[:, 0]
@@ -43,4 +43,4 @@ class Contacts(NamedTuple):
         u, impulses, work = stencils.gather(velocity, self.chosen), given.copy(), np.zeros(len(given))
         solve(p.velocity[self.chosen], u, self.normal, compliance, impulses, work)
         velocity += quotient(stencils.scatter(impulses - given, self.chosen), mass)
-        return u, impulses, work
+        return u, impulses, work, compliance

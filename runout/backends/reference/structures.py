@@ -60,7 +60,7 @@ class StructureContacts:
         moved, gap = contacts.moved(self.loops, way), np.zeros(len(patch))
         self.loops.gaps_of(moved, p.radius[contacts.chosen], gap)
         solve = partial(self.loops.take_impulses, gap, contacts.basal, contacts.area, dt)
-        _, impulses, work = contacts.push(p, given, stencils, mass, velocity, solve)
+        _, impulses, work, _ = contacts.push(p, given, stencils, mass, velocity, solve)
         self.force[rows] = impulses / dt
         self._book(patch, impulses, work)
         u, enters = stencils.gather(velocity, contacts.chosen), np.zeros(len(patch), np.bool_)
@@ -68,7 +68,7 @@ class StructureContacts:
         if enters.any():
             solve = partial(self.loops.stop_entering, moved[enters], dt, self.band)
             stopped, none = Contacts(*(values[enters] for values in contacts)), np.zeros((int(enters.sum()), 3))
-            self._book(patch[enters], *stopped.push(p, none, stencils, mass, velocity, solve)[1:])
+            self._book(patch[enters], *stopped.push(p, none, stencils, mass, velocity, solve)[1:3])
 
     def _book(self, patch: np.ndarray, impulses: np.ndarray, work: np.ndarray) -> None:
         self.dissipation -= float(work.sum())

@@ -91,7 +91,7 @@ def _basal(number, table):
     return table[np.int64(number)]
 
 
-def _push(t, begun, measured, table, g, dt):
+def _push(t, begun, measured, table, columns, g, dt):
     """Replace what 16 contacts feel by drag and change of the impulse, and area and impulses ``begun`` by work and impulse."""
     for q in range(np.uint64(16)):
         compliance = t[0, q]
@@ -103,7 +103,7 @@ def _push(t, begun, measured, table, g, dt):
         push = impulse(u, normal, measured[g, GAP, q], compliance, basal, dt, given, begun[0, q])
         t[0, q] = real(0.0)
         if DRAGS_COLUMN:
-            t[0, q] = column_drag(push, u, normal, begun[0, q], dt, basal)
+            t[0, q] = column_drag(push, u, normal, begun[0, q], compliance, columns.gravity, dt, basal)
         t[1, q] = push[0] - given[0]
         t[2, q] = push[1] - given[1]
         t[3, q] = push[2] - given[2]
@@ -172,7 +172,7 @@ def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
     for g in range(row >> 4, (row + count + 15) >> 4):
         store_4_rows(t, 0, load_felt(felt, 64 * g))
         store_4_rows(begun, 0, load_felt(given, 64 * g))
-        _push(t, begun, contacts.measured, basal, g, dt)
+        _push(t, begun, contacts.measured, basal, columns, g, dt)
         store_felt(felt, 64 * g, load_4_rows(t, 0))
         store_felt(given, 64 * g, load_4_rows(begun, 0))
 

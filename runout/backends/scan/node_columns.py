@@ -9,6 +9,7 @@ Each block writes its own part where its nodes are summed anyway, and threads ta
 the number of threads.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ class NodeColumns(NamedTuple):
         Node blocks column by column, and where those of each column begin.
     plan_area : real
         Area of a column of nodes in plan [m2].
+    gravity : real
+        Magnitude of gravity [m/s2].
     weights : (nall, 16) real
         Weights of the contacts in each column of nodes of a block that contacts reach.
     sums, inverse : (columns, 16) real
@@ -63,6 +66,7 @@ class NodeColumns(NamedTuple):
     start: np.ndarray
     parts: np.ndarray
     plan_area: Any
+    gravity: Any
     weights: np.ndarray
     sums: np.ndarray
     inverse: np.ndarray
@@ -113,7 +117,7 @@ def node_columns_of(blocks: Blocks, scene: Scene) -> NodeColumns | tuple[()]:
     shares = np.zeros((slowed, PLAN, releases), real)
     shares[:, :, :1] = 1.0
     return NodeColumns(
-        column, start, order, real(spacing[0] * spacing[1]),
+        column, start, order, real(spacing[0] * spacing[1]), real(math.hypot(*scene.gravity)),
         np.zeros((nodes, PLAN), real), np.zeros((count, PLAN), real), np.zeros((count, PLAN), real),
         np.zeros(dragged, np.bool_), np.zeros((dragged, 4 * PLAN), real), np.zeros((dragged, 4 * PLAN), real),
         _beside(places[:slowed]), np.zeros((slowed + 1, 6, PLAN), real), np.zeros((owners, REACHED, releases)), shares,
