@@ -23,7 +23,7 @@ DIFFERENCES = """\
   of the flow leaves the gully to the west where it bends (figure). It is thin: the median of the peaks outside of com1DFA's area is
   {peak_outside:.2f} m, and {volume_outside:.0f} % of the volume stops there. With internal friction of {weak:g} and {strong:g}
   deg the area is {weak_area:.1f} and {strong_area:.1f} ha, with cells of {coarse:g} and {fine:g} m {coarse_area:.1f} and
-  {fine_area:.1f} ha. The finer the cells, the more mass goes there: CSI is {coarse_csi:.2f} with cells of {coarse:g} m and
+  {fine_area:.1f} ha. CSI is {coarse_csi:.2f} with cells of {coarse:g} m and
   {fine_csi:.2f} with {fine:g} m.
 - **Artificial viscosity holds com1DFA's flow together**: without it the area of com1DFA is larger by {free_samos:.0f} % (samosAT)
   and {free_voellmy:.0f} % (Voellmy).{csi_below}
