@@ -17,6 +17,7 @@ from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.numerics import Numerics
 from runout.model.particle_source import gathered
+from runout.model.pore_pressure import PorePressure
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.structures import StructureField, Structures
@@ -41,7 +42,7 @@ def build_scene(
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
-    from runout.backends.initial_stress import InitialStress, pressed_by
+    from runout.backends.initial_stress import InitialStress, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
@@ -64,7 +65,9 @@ def build_scene(
     for r, m in zip(releases, materials, strict=True):
         m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     dug = [r.excavation for r in releases]
-    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(frictions, strength, friction_zones))
+    pore_pressure = _pore_pressure(releases, materials)
+    least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
+    mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
@@ -75,12 +78,20 @@ def build_scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
         friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),
         initial_stress=InitialStress.of(numerics.initial_stress),
-        structures=structures.field if isinstance(structures, Structures) else structures,
+        structures=structures.field if isinstance(structures, Structures) else structures, pore_pressure=pore_pressure,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, numerics.seed)
-    press = pressed_by(scene, releases)
-    particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
+    press, wet = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed)
+    particles = ReleaseParticles(releases, materials, surface, how, press=press, wet=wet, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _pore_pressure(releases: Sequence[Release], materials: Sequence[Material]) -> tuple[PorePressure | None, ...]:
+    """Pore pressure of each release; empty if all are dry. ReleaseError if it does not fit the mass."""
+    for release, material in zip(releases, materials, strict=True):
+        if release.pore_pressure:
+            release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
+    return tuple(r.pore_pressure for r in releases) if any(r.pore_pressure for r in releases) else ()
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

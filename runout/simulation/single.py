@@ -154,6 +154,9 @@ def simulate(
     )  # fmt: skip
     for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
+    for release, m in zip(releases, scene.materials, strict=True):
+        if doubt := release.pore_pressure and release.pore_pressure.doubt(m.density, f"release {release.name}"):
+            LOGGER.warning("%s", doubt)
     key = run_key(scene, particles, control, type(engine).__name__) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
     run = Run(engine, scene, control, progress, keep, named)
