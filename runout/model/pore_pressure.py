@@ -193,3 +193,9 @@ def pore_table(pore_pressure: Sequence[PorePressure | None], densities: np.ndarr
     """Structured array (releases,) of the records; a mass without pore pressure has zeros."""
     rows = [p.record(d) if p else (0.0, 0.0, 0.0, 0.0) for p, d in zip(pore_pressure, densities.tolist(), strict=True)]
     return np.array(rows, [(name, real) for name in FIELDS])
+
+
+def doubts(pore_pressure: Sequence[PorePressure | None], densities: np.ndarray, names: Sequence[str]) -> list[str]:
+    """:meth:`PorePressure.doubt` of releases by their ``names``, where there is one."""
+    said = [p.doubt(d, f"release {name}") for p, d, name in zip(pore_pressure, densities.tolist(), names, strict=True) if p]
+    return [sentence for sentence in said if sentence]

@@ -17,7 +17,6 @@ from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.numerics import Numerics
 from runout.model.particle_source import gathered
-from runout.model.pore_pressure import PorePressure
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.structures import StructureField, Structures
@@ -62,10 +61,8 @@ def build_scene(
     stated_materials = [r.material or material for r in releases]
     strength = basal_strength.strengths(stated_materials, spacing[2])
     materials = stiffness.chosen_moduli(stated_materials, releases, frictions, strength, friction_zones)
-    for r, m in zip(releases, materials, strict=True):
-        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
+    _require_bearing(releases, materials)
     dug = [r.excavation for r in releases]
-    pore_pressure = _pore_pressure(releases, materials)
     least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
@@ -77,8 +74,8 @@ def build_scene(
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
         friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),
-        initial_stress=InitialStress.of(numerics.initial_stress),
-        structures=structures.field if isinstance(structures, Structures) else structures, pore_pressure=pore_pressure,
+        initial_stress=InitialStress.of(numerics.initial_stress), pore_pressure=tuple(r.pore_pressure for r in releases),
+        structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, numerics.seed)
     press, wet = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed)
@@ -86,12 +83,12 @@ def build_scene(
     return scene, particles if in_chunks else gathered(particles)
 
 
-def _pore_pressure(releases: Sequence[Release], materials: Sequence[Material]) -> tuple[PorePressure | None, ...]:
-    """Pore pressure of each release; empty if all are dry. ReleaseError if it does not fit the mass."""
+def _require_bearing(releases: Sequence[Release], materials: Sequence[Material]) -> None:
+    """Raise an error unless the masses carry their own weight, and their pore pressure leaves them some of it to stand on."""
     for release, material in zip(releases, materials, strict=True):
+        material.require_carries(float(release.thickness.max()), STANDARD_GRAVITY)
         if release.pore_pressure:
             release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
-    return tuple(r.pore_pressure for r in releases) if any(r.pore_pressure for r in releases) else ()
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

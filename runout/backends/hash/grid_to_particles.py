@@ -30,7 +30,6 @@ from runout.backends.hash.layout import (
     SUBSTEPPED,
     UNSTABLE,
     WARP,
-    WET,
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
@@ -267,9 +266,7 @@ def grid_to_particles(
                     cell = _cell_from_home(home, k, blocks.coordinates)
                     mat = mats[release]
                     corner = ((cell[0] + 1) * WIDE_X + (cell[1] + 1) * WIDE_Y + cell[2] + 1) & PLACES
-                    effective = real(1.0)
-                    if WET:
-                        effective = _drained(particles, pores, p, k, dt)
+                    effective = _drained(particles, pores, p, k, dt)
                     if SUBSTEPPED:
                         f, v, own, work = _deform_by_two(
                             particles, scenes, constants, p, room, staged, tile, ways, corner, mat, slopes, scene, effective

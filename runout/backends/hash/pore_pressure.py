@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.groups import BlockGroup, GridGroup, GroundGroup, ParticleGroup, PoreGroup, StatusGroup
-from runout.backends.hash.layout import BLOCKS, HALT, Vector
+from runout.backends.hash.layout import BLOCKS, HALT, WET, Vector
 from runout.physics.heightfield import surface_at
 from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
 from runout.physics.tensors import real, tens
@@ -108,8 +108,10 @@ def _effective(particles: ParticleGroup, pores: PoreGroup, p: int, b: int, c: in
 
 
 def _drained(particles: ParticleGroup, pores: PoreGroup, p: int, k: int, dt: Any):
-    """The first of these for a particle with the key ``k``, whose excess pressure is advanced by a step."""
-    effective, share = _effective(particles, pores, p, k >> 6, k & 63, dt)
-    n = particles.number[p]
-    pores.left[n] = share * share * pores.left[n]
+    """The first of these for a particle with the key ``k``, whose excess pressure is advanced by a step; 1 in a dry batch."""
+    effective = real(1.0)
+    if WET:
+        effective, share = _effective(particles, pores, p, k >> 6, k & 63, dt)
+        n = particles.number[p]
+        pores.left[n] = share * share * pores.left[n]
     return effective

@@ -49,7 +49,6 @@ from runout.backends.hash.layout import (
     SUBSTEPS,
     TILE,
     WARP,
-    WET,
     Ints,
     Materials,
     Tile,
@@ -137,9 +136,7 @@ def _strain_some(
         p = ahead & NOT_NEGATIVE
         ahead = particles.order[wp.min(n + lane_count(), end - 1)] & NOT_NEGATIVE
         c = particles.key[p] & 63
-        effective = real(1.0)
-        if WET:
-            effective = _drained(particles, pores, p, 64 * b + c, dt)
+        effective = _drained(particles, pores, p, 64 * b + c, dt)
         mat = mats[_release_at(particles, constants, p)]
         come()
         staged = (turn & 1) * (ROOM // 2) + lane
