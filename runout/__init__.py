@@ -30,6 +30,7 @@ _HOME = {
     "BasalFriction": "runout.model.basal_friction",
     "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
+    "PorePressure": "runout.model.pore_pressure",
     "Structures": "runout.model.structures",
     "StructureSource": "runout.structures.source",
     "Particles": "runout.model.particles",

@@ -208,6 +208,12 @@ _ENSEMBLE = {
     "cohesion": Variable("Pa", "cohesion", dtype="float64"),
     "density": Variable("kg m-3", "bulk density", dtype="float64"),
     "youngs_modulus": Variable("Pa", "Young's modulus", dtype="float64"),
+    "pore_pressure_ratio": Variable("1", "pore pressure over total normal stress at the start", dtype="float64"),
+    "pore_pressure_ratio_low": Variable("1", "smallest pore pressure ratio at the start", dtype="float64"),
+    "pore_pressure_ratio_high": Variable("1", "largest pore pressure ratio at the start", dtype="float64"),
+    "pore_pressure_saturation": Variable("1", "share of the thickness of the release that stands in water", dtype="float64"),
+    "pore_pressure_diffusivity": Variable("m2 s-1", "diffusivity of pore pressure", dtype="float64"),
+    "pore_pressure_decay_time": Variable("s", "time in which excess pore pressure falls to 1/e", dtype="float64"),
     "release_volume_factor": Variable("1", "factor on the thickness of the release", dtype="float64"),
 }
 

@@ -37,6 +37,7 @@ from runout.physics import (
     moments,
     numerical_scales,
     plastic,
+    pore_pressure,
     structures,
     substeps,
     tensors,
@@ -46,7 +47,7 @@ from runout.processes.caches import compiled_code
 
 PHYSICS = (
     *(tensors, bspline, moments, heightfield, elastic, plastic),
-    *(geostatic, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns),
+    *(geostatic, pore_pressure, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns),
 )
 _SETTING = threading.RLock()  # of the folder in which numba caches
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
@@ -91,20 +92,23 @@ def _bind(
 def _bind_law(
     law: Law, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
 ) -> SimpleNamespace:
-    """``update`` of a law and its steps, ``step`` and ``step_small``; a material that never yields has the steps of elasticity."""
-    functions = [*(functions_of_law(law.update) if law.update else ()), law.step, law.step_small]
+    """``update`` of a law and its steps, by total and by effective stress; a material that never yields has those of elasticity."""
+    of_law = functions_of_law(law.update) if law.update else []
+    steps: dict[str, Any] = {"step": law.step, "step_small": law.step_small, "effective_step": law.effective_step}
+    steps["effective_step_small"] = law.effective_step_small
+    functions: list[Any] = [*of_law, law.effective_return, *steps.values()]
     own = _bind_own(law, functions, names, compiled, compile_one)
-    return SimpleNamespace(update=own.get(law.update), step=own[law.step], step_small=own[law.step_small])
+    return SimpleNamespace(update=own.get(law.update), **{name: own[step] for name, step in steps.items()})
 
 
 def _bind_friction(
     law: FrictionLaw, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
 ) -> SimpleNamespace:
     """``resistance`` of a law of basal friction, as it is and ``at_base``, and what contacts and columns make of it."""
-    of_contact = law.limited, law.at_base, law.impulse, law.column_drag, law.free_column_drag
+    of_contact = law.limited, law.at_base, law.effective_impulse, law.impulse, law.column_drag, law.free_column_drag
     functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), *of_contact]))
     own = _bind_own(law, functions, names, compiled, compile_one)
-    wanted = "resistance", "at_base", "impulse", "column_drag", "free_column_drag"
+    wanted = "resistance", "at_base", "impulse", "effective_impulse", "column_drag", "free_column_drag"
     return SimpleNamespace(**{name: own[getattr(law, name)] for name in wanted})
 
 

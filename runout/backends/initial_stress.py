@@ -1,4 +1,4 @@
-"""Initial stress of a release: that of its own weight, or none."""
+"""Initial state of a release: the stress of its own weight, or none, and pore pressure."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 
 from runout.backends import resting_loops
-from runout.backends.resting_particles import Press, loops
+from runout.backends.compile import array_binding
+from runout.backends.resting_particles import Press, Wet, loops
 from runout.errors import ConfigError, member_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
@@ -42,9 +43,33 @@ def pressed_by(scene: Scene, releases: list[Release]) -> Press | None:
 
     def press(particles: Particles, depth: np.ndarray, number: int) -> None:
         friction = _friction_below(particles, scene, number)
-        particles.strain = strain_at_rest(scene.materials[number], depth, slopes_of(number)(particles), friction)
+        effective = effective_shares(scene, particles, number)
+        particles.strain = strain_at_rest(scene.materials[number], depth, slopes_of(number)(particles), friction, effective)
 
     return press
+
+
+def wetted_by(scene: Scene, releases: list[Release], seed: int) -> Wet | None:
+    """Function that sets the pore pressure of particles of a release at rest; ``seed`` is that of the run. None if all are dry."""
+    if not scene.is_wet:
+        return None
+
+    def wet(particles: Particles, number: int) -> None:
+        pore, density = scene.pore_pressure[number], scene.materials[number].density
+        if pore is not None:
+            x, y, _ = particles.position(np.array(scene.spacing)).T
+            ratio = pore.at(x, y, scene.raster.cell_size, (seed, number))
+            particles.pore_excess, particles.pore_left = ratio - pore.equilibrium(density), np.ones(len(particles))
+
+    return wet
+
+
+def effective_shares(scene: Scene, particles: Particles, number: int) -> np.ndarray | None:
+    """Shares (n,) [1] of the normal stress that the grains of particles of release ``number`` carry; None if it is dry."""
+    if not scene.is_wet or scene.pore_pressure[number] is None:
+        return None
+    record = scene.pore_table().view(np.recarray)[number]
+    return np.asarray(array_binding().pore_pressure.effective_share(particles.pore_excess, particles.pore_left, record))
 
 
 def _surface_slopes(
@@ -76,8 +101,9 @@ def _friction_below(particles: Particles, scene: Scene, number: int) -> np.ndarr
 
 
 def strain_at_rest(
-    material: Material, depth: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], friction: np.ndarray
-) -> np.ndarray:
+    material: Material, depth: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], friction: np.ndarray,
+    effective: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """Elastic strain B (n, 6) [1] of a mass under its own weight (:mod:`runout.physics.geostatic`).
 
     Parameters
@@ -89,10 +115,15 @@ def strain_at_rest(
         Of the free surface, east and north [1].
     friction : ndarray (n,)
         Friction coefficient that acts at the base [1].
+    effective : ndarray (n,), optional
+        Share of the normal stress that grains carry [1]; all of it by default.
     """
     strain, room = np.empty((len(depth), 6)), np.empty((resting_loops.ROWS, len(depth)))
     weight, (slope, intercept) = material.density * STANDARD_GRAVITY, material.yield_cone
     numbers = float(weight), float(slope), float(intercept), float(material.rest_ratio)
     elasticity = resting_loops.Elasticity(float(material.lame_lambda), float(material.shear_modulus))
-    loops().press_at_rest(depth, *slopes, friction, *numbers, elasticity, room, strain)
+    if effective is None:
+        loops().press_at_rest(depth, *slopes, friction, *numbers, elasticity, room, strain)
+    else:
+        loops().press_wet_mass(depth, *slopes, friction, effective, *numbers, elasticity, strain)
     return strain

@@ -41,6 +41,20 @@ def plan_shares(place: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return formulas.area_share(weight, inverse, largest).sum(axis=1)  # type: ignore[no-any-return]
 
 
+def layer_thicknesses(scene: Scene, p: Particles, stencils: Any, mass: np.ndarray) -> np.ndarray:
+    """Thickness (n,) [m], normal to the ground, of the layers of particles, from nodal ``mass`` (nodes, 1) [kg].
+
+    That of the middle one of the columns of nodes around each, with the slopes of the ground there and the density of the particle.
+    """
+    formulas, (nx, ny) = array_binding(), stencils.shape[:2]
+    middle = stencils.node[:, 13] // stencils.height
+    total = _over_z(stencils, mass)[middle, 0]
+    x, y = ((stencils.first[axis] + k) * scene.spacing[axis] for axis, k in enumerate(np.divmod(np.arange(nx * ny), ny)))
+    slopes = (np.zeros(nx * ny),) * 2 if scene.ground is None else scene.ground.evaluate(x, y)[1:]
+    area = scene.spacing[0] * scene.spacing[1]
+    return formulas.pore_pressure.layer_thickness(total, area, scene.densities[p.release], slopes[0][middle], slopes[1][middle])  # type: ignore[no-any-return]
+
+
 def begun_impulses(scene: Scene, p: Particles, dt: float) -> np.ndarray:
     """Impulses (n, 3) [N s] by the forces of the step before, from which contacts of particles (n,) start."""
     if not scene.basal.law.uses_area:

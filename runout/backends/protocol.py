@@ -253,11 +253,11 @@ class Compilation(Protocol):
 
 def start_compilation(
     materials: tuple[Material, ...], friction: BasalFriction, choices: dict[str, Any], *, zones: bool, structures: bool = False,
-    marked: Callable[[Path], None] | None = None,
+    wet: bool = False, marked: Callable[[Path], None] | None = None,
 ) -> Compilation:  # fmt: skip
     """Compilation for the backend scan, with the parameters of :class:`runout.backends.scan.ahead.CompilingAhead`."""
     ahead = import_module("runout.backends.scan.ahead")
-    return ahead.CompilingAhead(materials, friction, choices, zones=zones, structures=structures, marked=marked)  # type: ignore[no-any-return]
+    return ahead.CompilingAhead(materials, friction, choices, zones=zones, structures=structures, wet=wet, marked=marked)  # type: ignore[no-any-return]
 
 
 def free_memory(device: str) -> float:

@@ -13,6 +13,7 @@ from runout.model.nodal_surface import TILE, WIDTH
 from runout.physics.elastic import is_small, strain_of_log, strain_series
 from runout.physics.geostatic import strain_at_rest
 from runout.physics.heightfield import surface_at
+from runout.physics.pore_pressure import effective_friction, total_lateral_ratio
 from runout.physics.tensors import contracted, scaled
 
 ROWS = 8  # of ``room``
@@ -163,3 +164,15 @@ def press_at_rest(depth, east, north, friction, unit_weight, slope, intercept, r
                 strain[p, k] = B[k]
             large += 1
     return large
+
+
+def press_wet_mass(depth, east, north, friction, effective, unit_weight, slope, intercept, rest, elasticity, strain):
+    """The same for masses with pore pressure, whose grains carry the share ``effective`` (n,) of the normal stress."""
+    for p in range(len(depth)):
+        share = effective[p]
+        tangent, weight = math.hypot(east[p], north[p]), unit_weight * max(depth[p], 0.0)
+        ground, ratio = effective_friction(friction[p], share), total_lateral_ratio(rest, share)
+        h = strain_at_rest(weight, east[p], north[p], tangent, ground, share * slope, intercept, ratio, elasticity)
+        B = strain_of_log(h)
+        for k in range(6):
+            strain[p, k] = B[k]

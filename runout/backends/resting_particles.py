@@ -28,6 +28,7 @@ from runout.release.known import onto_known_ground
 from runout.release.sample import Sampling, kept_inside, particles_per_axis, prepared_outline, require_apart
 
 Press = Callable[[Particles, np.ndarray, int], None]
+Wet = Callable[[Particles, int], None]
 Settle = Callable[[Particles], Particles]
 
 
@@ -156,6 +157,8 @@ class ReleaseParticles:
     how : Sampling
     press : callable, optional
         Sets the strain of particles of a release, from their depths (n,) [m] below its surface and its number.
+    wet : callable, optional
+        Sets the pore pressure of particles of a release from its number, before ``press``.
     settle : callable, optional
         Moves particles that start where they cannot.
 
@@ -175,12 +178,13 @@ class ReleaseParticles:
         how: Sampling,
         *,
         press: Press | None = None,
+        wet: Wet | None = None,
         settle: Settle = lambda particles: particles,
     ):
         if len(releases) != len(materials):
             raise ConfigError(f"{len(materials)} materials for {len(releases)} releases; give one each")
         require_apart(list(releases))
-        self.how, self.press, self.settle = how, press, settle
+        self.how, self.press, self.wet, self.settle = how, press, wet, settle
         self.density = [float(material.density) for material in materials]
         pairs = zip(releases, self.density, strict=True)
         self.filled = [_Filled(release, how.columns(release), surface, how, density) for release, density in pairs]
@@ -196,6 +200,8 @@ class ReleaseParticles:
                 particles.release[:] = number
                 particles.identity += first
                 first += len(particles)
+                if stressed and self.wet:
+                    self.wet(particles, number)
                 if stressed and self.press:
                     self.press(particles, depth, number)
                 yield self.settle(particles)
@@ -216,6 +222,8 @@ class ReleaseParticles:
             release, columns = filled.release, filled.columns
             yield from (release.thickness, release.excavation, release.terrain.elevation)
             yield from (columns.index, columns.thickness, columns.cut, columns.shift, filled.volumes)
+            if release.pore_pressure is not None:
+                yield from release.pore_pressure.content()
             if release.outline is not None:
                 yield np.frombuffer(release.outline.wkb, np.uint8)
 

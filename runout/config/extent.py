@@ -11,6 +11,7 @@ from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, SiteFriction, sampled_ranges
 from runout.config.input_readers import read_elevations, read_releases, read_zones
 from runout.config.member_arguments import grid_spacing, material, sampled_releases
+from runout.config.pore_pressure import SAMPLED, sampled_pores
 from runout.config.stated_at import stated_at
 from runout.errors import DemError
 from runout.io import source_code
@@ -202,7 +203,13 @@ def _least_friction(settings: "SiteSettings", file: Path, terrain: "Terrain", re
         zones = read_zones(settings, file, terrain)
     except ZoneError:  # no zone lies within this extent; SiteFiles.zones reports faults on the final extent
         zones = None
-    return least_angle(friction.of_releases(releases, lowest), strength, zones)
+    return least_angle(friction.of_releases(releases, lowest), strength, zones, _least_effective(settings, releases))
+
+
+def _least_effective(settings: "SiteSettings", releases: "list[Release]") -> list[float]:
+    """Least share [1] of the normal stress that the grains of each release carry in any member."""
+    highest = {name: d.support()[1] for name, d in settings.ensemble.parameters.items() if name in SAMPLED}
+    return [r.least_effective for r in sampled_pores(releases, highest)]
 
 
 def _support(settings: "SiteSettings", name: str, otherwise: float) -> tuple[float, float]:

@@ -1,10 +1,12 @@
 """Readers of the elevations, obstacles, friction zones and releases that site.yaml names. Each call reads the files."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runout.config import pore_pressure
 from runout.config.fetch import locate
 from runout.config.friction import SiteFriction
 from runout.config.schema import ReleaseSettings, SiteSettings
@@ -102,8 +104,13 @@ def read_releases(settings: SiteSettings, file: Path, terrain: "Terrain") -> "Re
 
 def _placed_release(entry: ReleaseSettings, file: Path, terrain: "Terrain") -> "Release":
     key = "raster" if entry.polygons is None else "polygons"
-    with stated_at(file, "release", partial(release_number, file, entry.name), key):
-        return _release(entry, file, terrain)
+    number = partial(release_number, file, entry.name)
+    with stated_at(file, "release", number, key):
+        release = _release(entry, file, terrain)
+    if entry.pore_pressure is None:
+        return release
+    with stated_at(file, "release", number, "pore_pressure", "ratio"):
+        return replace(release, pore_pressure=pore_pressure.made(entry.pore_pressure, file, terrain))
 
 
 def _release(entry: ReleaseSettings, file: Path, terrain: "Terrain") -> "Release":

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, ValidationInfo, create_model
 
 from runout.config import friction as basal
+from runout.config import pore_pressure
 from runout.config.declared import sampled_in
 from runout.config.distributions import Distribution, Settings, within_range
 from runout.config.law_block import LawBlock, LawSettings
@@ -16,7 +17,7 @@ from runout.model.limits import LIMITS, Range
 from runout.model.materials import Material
 
 DEFAULT_LAW = "drucker_prager"
-OF_THE_RUN = {"release_volume_factor": LIMITS["release_volume_factor"]}
+OF_THE_RUN = {"release_volume_factor": LIMITS["release_volume_factor"], **pore_pressure.SAMPLED}
 
 
 class MaterialSettings(LawSettings):

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
+from runout.config.pore_pressure import sampled_pores
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
 from runout.forecast.accuracy import CellSize, choices
@@ -45,7 +46,8 @@ def sampled_releases(settings: SiteSettings, releases: "Sequence[Release]", samp
     """Releases that were read with a volume factor of 1, with the friction of site.yaml and the sampled volume."""
     parameters = sampled(settings, sample)
     factor = parameters.get("release_volume_factor", 1.0)
-    return [r.scaled(factor) if factor != 1.0 else r for r in SiteFriction(settings).under(releases, parameters)]
+    wetted = sampled_pores(SiteFriction(settings).under(releases, parameters), parameters)
+    return [r.scaled(factor) if factor != 1.0 else r for r in wetted]
 
 
 def cell_size(settings: SiteSettings, releases: "Sequence[Release]") -> CellSize:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
+from runout.config.pore_pressure import unused_samples
 from runout.config.problems import problems_of
 from runout.config.schema import (
     SAMPLE_DEMS,
@@ -126,6 +127,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
             yield document.problem(("structures", i, key), message, fix)
     for i, first in repeated_structures(_blocks(document, ("structures",))):
         yield document.problem(("structures", i, "file"), f"structures[{first}] states the same bodies", "remove one of the two")
+    for key, message, fix in unused_samples(releases, sampled):
+        yield document.problem(("ensemble", "parameters", key), message, fix)
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
     site = document.values if isinstance(document.values, dict) else {}

@@ -11,6 +11,7 @@ from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.observations import OBSERVATIONS, ObservationSettings
+from runout.config.pore_pressure import PorePressureSettings
 from runout.config.probes import PROBES, ProbeSettings
 from runout.config.quantities import (
     CellSize,
@@ -239,6 +240,11 @@ class ReleaseSettings(Settings):
     )
     basal_friction: OwnFriction | None = quantity(
         "parameters of the law of friction under this mass only", None, examples=[{"friction_angle_deg": 15.0}]
+    )
+    pore_pressure: PorePressureSettings | None = quantity(
+        "pore pressure of this mass, which drains while it flows: ratio, saturation, and diffusivity or decay_time",
+        None,
+        examples=[{"ratio": 0.7, "saturation": 1.0, "diffusivity": 1.0e-3}],
     )
 
     @model_validator(mode="after")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -27,6 +27,7 @@ CHUNKS = 1e7  # bytes of the particles that are made at once
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
 PER_MAP_CELL = 110 + 8 * len(member_map_names())  # bytes per cell of the raster: sums, work arrays, and the maps
 STRUCTURE_SUMS = 4 * 216 + 4 * 128  # numbers by block near structures: of the nodes that its particles reach, and of its nodes
+PLAN = 16  # columns of a block
 PROGRAM = 0.22e9  # libraries and compiled code
 
 
@@ -34,7 +35,7 @@ PROGRAM = 0.22e9  # libraries and compiled code
 class Extent:
     """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU).
 
-    ``mixed``: releases whose frictions differ, 1 if all are alike.
+    ``mixed``: releases whose frictions differ, 1 if all are alike. ``wet``: releases, if any has pore pressure, else 0.
     """
 
     particles: int
@@ -43,6 +44,7 @@ class Extent:
     nodes: int
     nodes_on_device: int
     mixed: int = 1
+    wet: int = 0
 
 
 @dataclass(frozen=True)
@@ -135,10 +137,17 @@ def expected_memory(
     if on_device:
         sizes = extent.particles, extent.nodes_on_device
         backend = bytes_on_device(*sizes, precision, field, friction, extent.mixed, scheme.substeps)
-        return MemoryForecast(backend, host, True)
+        return MemoryForecast(backend + pore_bytes(extent, precision), host, True)
     counts = extent.particles, extent.held, extent.owners, extent.nodes
     backend = host_bytes(*counts, precision, friction)
-    return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
+    more = (structure_bytes(field, extent, precision) if field else 0) + pore_bytes(extent, precision)
+    return MemoryForecast(backend + more, host)
+
+
+def pore_bytes(extent: Extent, precision: str) -> int:
+    """Memory [byte] of pore pressure: two numbers a particle at most, and the layers in which it drains; 0 without any."""
+    number = 4 if precision == "float32" else 8
+    return number * (2 * extent.particles + PLAN * (extent.owners * extent.wet + extent.nodes)) if extent.wet else 0
 
 
 def structure_bytes(structures: StructureField, extent: Extent, precision: str) -> int:
@@ -158,7 +167,8 @@ def expected_extent(
     held = _blocks(low, high, (0,), 0)
     owners = _blocks(low, high, *REACH)
     kinds = held, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
-    return Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
+    extent = Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
+    return replace(extent, wet=len(releases)) if any(release.pore_pressure for release in releases) else extent
 
 
 def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:

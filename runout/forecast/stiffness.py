@@ -90,9 +90,11 @@ def stiffness(
     """
     from runout.terrain.energy_line import largest_speed
 
-    acting = [least_angle([friction], [s], zones) for friction, s in zip(frictions, strength, strict=True)]
+    effective = [r.least_effective for r in releases]
+    bases = zip(frictions, strength, effective, strict=True)
+    acting = [least_angle([friction], [s], zones, [share]) for friction, s, share in bases]
     line = largest_speed(releases, acting)
-    ground = ground_below(materials, frictions, strength, zones)
+    ground = ground_below(materials, frictions, strength, zones, effective)
     (speed,) = slowed_by_drag(releases, [ground], np.array([line])).tolist()
     thickness = max(float(r.thickness.max()) for r in releases)
     return Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials), speed, thickness, ground.law.drags)

@@ -36,6 +36,7 @@ class DruckerPrager(Material):
 
     law: ClassVar[str] = "drucker_prager"
     history: ClassVar[str] = "log volume gained at the apex and not yet lost again [1]"
+    history_is_volume: ClassVar[bool] = True
     friction_angle: float = parameter(
         "internal friction angle of Mohr-Coulomb", unit="deg", low=0, high=60, typical=30.0, degrees=True, sampled=True
     )

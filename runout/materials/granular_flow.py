@@ -29,6 +29,7 @@ class GranularFlow(Material):
 
     law: ClassVar[str] = "granular_flow"
     history: ClassVar[str] = "log volume gained without stress and not yet lost again [1]"
+    history_is_volume: ClassVar[bool] = True
     depends_on_rate: ClassVar[bool] = True
     static_friction: float = parameter(
         "friction coefficient of slow flow, the tangent of the angle of repose", low=0, high=2, typical=0.38, sampled=True

@@ -27,13 +27,19 @@ def frictions_under(releases: Sequence[Release], basal: BasalFriction | float) -
     return [r.friction_on(basal) for r in releases]
 
 
-def least_angle(frictions: Sequence[BasalFriction | float], strength: Sequence[float], zones: FrictionZones | None = None) -> float:
+def least_angle(
+    frictions: Sequence[BasalFriction | float], strength: Sequence[float], zones: FrictionZones | None = None,
+    effective: Sequence[float] | None = None,
+) -> float:  # fmt: skip
     """Smallest friction angle [rad] that acts on any cell at any speed, of masses with basal ``frictions`` and ``strength`` [1].
 
-    A number is a friction angle [rad].
+    A number is a friction angle [rad]. ``effective`` are the least shares [1] of the normal stress that the grains of each mass
+    carry; all of it by default.
     """
     ground = [zones.least_angle(f) if zones else math.atan(f.least) if isinstance(f, BasalFriction) else f for f in frictions]
-    return min(min(g, math.atan(s)) for g, s in zip(ground, strength, strict=True))
+    acting = [min(g, math.atan(s)) for g, s in zip(ground, strength, strict=True)]
+    shares = effective or [1.0] * len(acting)
+    return min(a if e == 1.0 else math.atan(e * math.tan(a)) for a, e in zip(acting, shares, strict=True))
 
 
 def sentences(scene: Scene, names: Sequence[str]) -> Iterator[str]:

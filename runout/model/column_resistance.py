@@ -90,14 +90,18 @@ class ColumnResistance:
         found = []
         for member in np.unique(members).tolist():
             own = rows[members == member] - self._start[member]
-            masses = self._areal[member][own // self.grounds[member].kinds]
-            for record, mass in zip(self.grounds[member].records(own), masses.tolist(), strict=True):
-                found.append(self._values_of(record, mass, loads, speeds))
+            ground, release = self.grounds[member], own // self.grounds[member].kinds
+            masses, shares = self._areal[member][release], ground.effective[release]
+            for record, mass, share in zip(ground.records(own), masses.tolist(), shares.tolist(), strict=True):
+                found.append(self._values_of(record, mass, share * loads, speeds))
         order = np.argsort(rows := np.concatenate([self._rows, rows]))
         self._rows, self._values = rows[order], np.concatenate([self._values, found])[order]
 
     def _values_of(self, record: np.void, mass: float, loads: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """Stress [Pa] and drag [kg/m3] of the ground over the ``mass`` by area in plan [kg/m2], (2, loads, speeds)."""
+        """Stress [Pa] and drag [kg/m3] of the ground over the ``mass`` by area in plan [kg/m2], (2, loads, speeds).
+
+        ``loads`` are the normal stresses that grains carry, over that weight by area in plan.
+        """
         basal = SimpleNamespace(**dict(zip(self.law.fields, record.tolist(), strict=True)))
         area, resist = float(self.law.uses_area), self.law.limited
         found = [[resist(mass * STANDARD_GRAVITY * p, s, area, 1.0, basal) for s in speeds.tolist()] for p in loads.tolist()]
@@ -109,6 +113,7 @@ def ground_below(
     frictions: Sequence[BasalFriction | float],
     strengths: Sequence[float],
     zones: FrictionZones | None,
+    effective: Sequence[float] | None = None,
 ) -> GroundFriction:
     """Friction of the ground on releases, in standard gravity.
 
@@ -121,15 +126,17 @@ def ground_below(
     strengths : sequence of float
         Largest friction coefficient [1] that each mass passes on to the ground.
     zones : FrictionZones or None
+    effective : sequence of float, optional
+        Least share of the normal stress that the grains of each mass carry [1].
     """
     stated = [f if isinstance(f, BasalFriction) else math.tan(f) for f in frictions]
     masses = [MassAbove(s, m.density, STANDARD_GRAVITY) for s, m in zip(strengths, materials, strict=True)]
-    return GroundFriction(stated, masses, zones)
+    return GroundFriction(stated, masses, zones, effective)
 
 
 def resting_resistance(grounds: Sequence[GroundFriction]) -> Resistance:
     """Deceleration by the coefficients at rest of members, as :class:`ColumnResistance` but at any speed; without drag."""
-    resting = np.array([ground.at_rest() for ground in grounds])
+    resting = np.array([ground.at_rest() * np.repeat(ground.effective, ground.kinds) for ground in grounds])
 
     def resistance(columns: Columns) -> tuple[np.ndarray, float]:
         rows = grounds[0].rows(columns.release, columns.x, columns.y)

@@ -86,7 +86,12 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     @cached_property
     def impulse(self) -> FunctionType:
         """:func:`runout.physics.contact.impulse` with the resistance of this law, in plain Python."""
-        return calling(contact.impulse, law_resistance=self.at_base)  # type: ignore[arg-type]
+        return calling(contact.impulse, effective_impulse=self.effective_impulse)  # type: ignore[arg-type]
+
+    @cached_property
+    def effective_impulse(self) -> FunctionType:
+        """:func:`runout.physics.contact.effective_impulse` with the resistance of this law, in plain Python."""
+        return calling(contact.effective_impulse, law_resistance=self.at_base)  # type: ignore[arg-type]
 
     @cached_property
     def column_drag(self) -> FunctionType:

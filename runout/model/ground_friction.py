@@ -24,6 +24,9 @@ class GroundFriction:
         Of each mass; a number is a Coulomb coefficient [1].
     masses : sequence of MassAbove
     zones : FrictionZones or None
+    effective : sequence of float, optional
+        Share of the normal stress that the grains of each mass carry [1], for forecasts (:mod:`runout.model.column_resistance`);
+        all of it by default. Records and :meth:`at_rest` do not contain it: contact has that of each particle.
 
     Attributes
     ----------
@@ -37,13 +40,17 @@ class GroundFriction:
         Kind of ground of each cell of the raster; None where there are no zones.
     """
 
-    def __init__(self, frictions: Sequence[BasalFriction | float], masses: Sequence[MassAbove], zones: FrictionZones | None):
+    def __init__(
+        self, frictions: Sequence[BasalFriction | float], masses: Sequence[MassAbove], zones: FrictionZones | None,
+        effective: Sequence[float] | None = None,
+    ):  # fmt: skip
         found = [numbers_of(friction) for friction in frictions]
         if len({law.name for law, _ in found}) != 1:
             raise ConfigError("basal friction of all releases of a run must follow one law; give every release the same kind")
         self.law: FrictionLaw = found[0][0]
         self.numbers = np.array([numbers for _, numbers in found])
         self.masses, self.kinds = np.array(masses, np.float64).reshape(-1, len(MassAbove._fields)), 1
+        self.effective = np.ones(len(found)) if effective is None else np.array(effective, np.float64)
         self.kind: np.ndarray | None = None
         self._factor, self._own = np.ones((1, len(self.law.numbers))), np.zeros((1, len(self.law.numbers)))
         if zones:

@@ -68,6 +68,22 @@ class Law(RegisteredLaw[Material]):
         """:attr:`step` for small strain: :func:`runout.physics.plastic.step_small` with the return of this law."""
         return calling(plastic.step_small, law_return=self.update) if self.update else elastic.step_small  # type: ignore[return-value]
 
+    @cached_property
+    def effective_step(self) -> FunctionType:
+        """:attr:`step` by effective stress, :func:`runout.physics.plastic.effective_step`."""
+        return calling(plastic.effective_step, effective_return=self.effective_return)  # type: ignore[arg-type]
+
+    @cached_property
+    def effective_step_small(self) -> FunctionType:
+        """:attr:`step_small` by effective stress."""
+        return calling(plastic.effective_step_small, effective_return=self.effective_return)  # type: ignore[arg-type]
+
+    @cached_property
+    def effective_return(self) -> FunctionType:
+        """:func:`runout.physics.plastic.effective_return` with the return of this law."""
+        share: Any = plastic.volume_share if self.material.history_is_volume else plastic.history_share
+        return calling(plastic.effective_return, law_return=self.update or plastic.law_return, history_share=share)  # type: ignore[arg-type]
+
     @property
     def depends_on_rate(self) -> bool:
         """Whether the records hold the time step [s], ``time_step``, which the backend updates."""

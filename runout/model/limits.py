@@ -7,6 +7,7 @@ from numbers import Real
 from typing import Any
 
 from runout.errors import ConfigError, InputError
+from runout.physics.pore_pressure import LARGEST_RATIO
 from runout.physics.substeps import MOST_SUBSTEPS
 
 LARGEST_CFL = 0.6  # largest Courant number of any material
@@ -77,6 +78,11 @@ LIMITS = {
     "end_time": Range(1e-6, 86400, "s"),
     "arrival_threshold": Range(1e-6, 1000, "m"),
     "substeps": Range(1, MOST_SUBSTEPS),
+    "pore_pressure_ratio": Range(0, LARGEST_RATIO, hint="it is pore pressure over total normal stress"),
+    "pore_pressure_block": Range(0.01, 1e5, "m", "it is the size of the blocks that get a ratio of their own"),
+    "saturation": Range(0, 1, hint="1 is a mass whose voids are full of water up to its surface"),
+    "diffusivity": Range(0, 100, "m2/s", "0.001 is usual for debris flows", open_low=True),
+    "decay_time": Range(0, 1e6, "s", "it is the time in which the excess falls to 1/e", open_low=True),
     "cfl": Range(0, LARGEST_CFL, hint=f"{LARGEST_CFL:g} is usual", open_low=True),
 }
 

@@ -48,6 +48,7 @@ def slices(source: ParticleSource, stressed: bool = True) -> Iterator[tuple[slic
 
 
 HELD = ("node", "offset", "strain", "mass", "volume", "radius")  # arrays of particles at rest that are not zero, but their release
+OF_PORES = ("pore_excess", "pore_left")  # of those that are zero without pore pressure
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,7 @@ class CompactParticles:
 
 
 def _compact(chunk: Particles, dtype: type) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    arrays = {name: getattr(chunk, name).astype(ARRAYS[name][0] if name == "node" else dtype) for name in HELD}
+    held = (*HELD, *OF_PORES) if chunk.pore_left.any() else HELD
+    arrays = {name: getattr(chunk, name).astype(ARRAYS[name][0] if name == "node" else dtype) for name in held}
     release = chunk.release
     return arrays, release[:1].copy() if (release == release[:1]).all() else release.astype(np.int16)

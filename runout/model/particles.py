@@ -24,6 +24,8 @@ ARRAYS = {  # name: (dtype, trailing shape)
     "volume": (np.float64, ()),
     "radius": (np.float64, ()),
     "ground_force": (np.float64, (3,)),
+    "pore_excess": (np.float64, ()),
+    "pore_left": (np.float64, ()),
     "release": (np.int32, ()),
     "identity": (np.int64, ()),
 }
@@ -61,6 +63,10 @@ class Particles:
         Distance from the ground, along its normal, at which the particle touches [m]: half the spacing of particle heights.
     ground_force : (n, 3)
         Force of the ground in the last step [N], zero without contact; initial value of the contact solution.
+    pore_excess : (n,)
+        Pore pressure ratio at the start over the one to which it relaxes [1] (:mod:`runout.physics.pore_pressure`).
+    pore_left : (n,)
+        The part E of the excess that remains [1], 1 at the start; 0 for a mass without pore pressure.
     release : (n,) int32
         Index of the release it belongs to.
     identity : (n,) int64
@@ -77,6 +83,8 @@ class Particles:
     volume: np.ndarray
     radius: np.ndarray
     ground_force: np.ndarray
+    pore_excess: np.ndarray
+    pore_left: np.ndarray
     release: np.ndarray
     identity: np.ndarray
 

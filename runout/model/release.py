@@ -13,6 +13,7 @@ from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
 from runout.model.facts import as_html, as_text, short
 from runout.model.limits import LIMITS, checked_radians
 from runout.model.materials import MATERIAL_REMEDY, Material
+from runout.model.pore_pressure import PorePressure
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 
@@ -74,6 +75,8 @@ class Release:
         Data of a tapered mass, used by :meth:`scaled`.
     deepest : ndarray (rows, columns) or None
         Largest depth of an excavated mass below the surface [m]; additional thickness stands above the surface. None: no limit.
+    pore_pressure : PorePressure or None
+        Pore pressure of this mass; None: it is dry.
     """
 
     thickness: np.ndarray
@@ -89,6 +92,7 @@ class Release:
     body: Any = None
     deepest: np.ndarray | None = None
     basal_friction: BasalFriction | None = None
+    pore_pressure: PorePressure | None = None
 
     def __post_init__(self) -> None:
         t = real_array(self.thickness, f"{self.source}: thickness", ReleaseError)
@@ -119,6 +123,9 @@ class Release:
         if self.basal_friction is not None:
             remedy = f"{FRICTION_REMEDY}, or basal_friction_angle=math.radians(20)"
             require_kind(BasalFriction, self.basal_friction, f"{own}: basal_friction", remedy, ReleaseError)
+        if self.pore_pressure is not None:
+            remedy = "give runout.PorePressure(ratio=0.7, decay_time=20.0)"
+            require_kind(PorePressure, self.pore_pressure, f"{own}: pore_pressure", remedy, ReleaseError)
         if self.basal_friction_angle is not None:
             what = f"{own}: basal_friction_angle"
             angle = checked_radians("basal_friction_angle", self.basal_friction_angle, what, error=ReleaseError)
@@ -155,7 +162,7 @@ class Release:
 
         ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] sets the thickness instead, or is
         checked against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
-        ``basal_friction_angle_deg``.
+        ``basal_friction_angle_deg``, ``pore_pressure``.
         """
         read = reader("Release.from_vector")
         release: Release = read(path, terrain, thickness=thickness, volume=volume, placement=placement, **choices)
@@ -172,7 +179,8 @@ class Release:
     ) -> "Release":
         """Release of a thickness raster [m] on any grid in any known coordinate system, resampled conservatively.
 
-        ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``.
+        ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``,
+        ``pore_pressure``.
         """
         release: Release = reader("Release.from_raster")(path, terrain, volume=volume, placement=placement, **choices)
         return release
@@ -183,7 +191,7 @@ class Release:
     ) -> "Release":
         """Release of a thickness array [m] on the cells of the terrain, north-west corner first.
 
-        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``source``.
+        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``pore_pressure``, ``source``.
         """
         release: Release = reader("Release.from_array")(thickness, terrain, placement=placement, **choices)
         return release
@@ -193,6 +201,11 @@ class Release:
         if self.basal_friction is not None:
             return self.basal_friction
         return otherwise if self.basal_friction_angle is None else self.basal_friction_angle
+
+    @property
+    def least_effective(self) -> float:
+        """Least share [1] of the normal stress that grains carry at the start: 1 without pore pressure."""
+        return 1.0 - self.pore_pressure.highest if self.pore_pressure else 1.0
 
     def scaled(self, factor: float) -> "Release":
         """Release with the same outline and ``factor`` times the volume.

@@ -16,6 +16,7 @@ from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
 from runout.model.numerics import Scheme
+from runout.model.pore_pressure import PorePressure, pore_table
 from runout.model.structures import StructureField
 from runout.model.surface import Surface
 from runout.physics import geostatic, substeps, timestep
@@ -67,6 +68,8 @@ class Scene(Scheme):
         outline is. None where every cell has one.
     structures : StructureField or None
         Structures that the flow meets; without them nothing of their contact runs.
+    pore_pressure : tuple of PorePressure or None
+        Per release; empty if no mass has pore pressure, so that nothing of it runs.
     """
 
     spacing: tuple[float, float, float]
@@ -81,6 +84,7 @@ class Scene(Scheme):
     strength: tuple[float, ...] = ()
     initial_stress: str = "none"
     structures: StructureField | None = None
+    pore_pressure: tuple[PorePressure | None, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3:
@@ -97,6 +101,10 @@ class Scene(Scheme):
             raise ConfigError(f"{len(self.friction)} friction coefficients for {len(self.materials)} releases")
         if len(self.strength) not in (0, len(self.materials)):
             raise ConfigError(f"{len(self.strength)} strengths for {len(self.materials)} releases; give one each, or none")
+        if len(self.pore_pressure) not in (0, len(self.materials)):
+            raise ConfigError(
+                f"{len(self.pore_pressure)} pore pressures for {len(self.materials)} releases; give one each, or none"
+            )
         zones, raster = self.friction_zones, self.raster
         if zones and (zones.factor.shape, zones.cell_size) != ((raster.columns, raster.rows), raster.cell_size):
             cells = f"{zones.factor.shape} of {zones.cell_size} m"
@@ -153,6 +161,15 @@ class Scene(Scheme):
         g = math.sqrt(sum(a * a for a in self.gravity))
         masses = [MassAbove(s, m.density, g) for s, m in zip(self.strengths, self.materials, strict=True)]
         return GroundFriction(self.friction, masses, self.friction_zones)
+
+    @property
+    def is_wet(self) -> bool:
+        """Whether any mass has pore pressure."""
+        return any(self.pore_pressure)
+
+    def pore_table(self, real: Any = np.float64) -> np.ndarray:
+        """Records (releases,) of pore pressure (:func:`runout.model.pore_pressure.pore_table`)."""
+        return pore_table(self.pore_pressure or (None,) * len(self.materials), self.densities, real)
 
     def structure_friction(self) -> np.ndarray:
         """Friction coefficients (releases, patches) [1] of the structures: of the surface, at most what each mass passes on.

@@ -138,7 +138,7 @@ def ground_area(plan_area: Any, shares: Any, upward: Any):
     return plan_area * shares / upward
 
 
-def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any, area: Any):
+def effective_impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any, area: Any, effective: Any):
     """Impulse [N s] of the ground on a particle in a step: unilateral, with friction on the whole tangential vector.
 
     One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``given`` [N s], which the
@@ -147,7 +147,8 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
 
     Normal: u.n is brought to :func:`normal_target`; the total never pulls. Tangential: sticks if the steady impulse R of the law
     admits the total, else slides against R + drag dt s^2, where s is the speed that is left (:func:`slip_after`). ``basal`` are the
-    numbers of the law; it takes the slip speed of ``u`` and the ground ``area`` [m2], 0 for a law that does not use it.
+    numbers of the law; it takes the slip speed of ``u`` and the ground ``area`` [m2], 0 for a law that does not use it. Friction
+    acts on the share ``effective`` [1] of the normal impulse, 1 without pore pressure (:mod:`runout.physics.pore_pressure`).
     """
     un = dot(u, n)
     held = dot(given, n)
@@ -161,7 +162,7 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
     ty = given[1] - held * n[1] - uy / compliance
     tz = given[2] - held * n[2] - uz / compliance
     along = math.sqrt(tx * tx + ty * ty + tz * tz)
-    steady, drag = law_resistance(normal, math.sqrt(ux * ux + uy * uy + uz * uz), area, dt, basal)
+    steady, drag = law_resistance(effective * normal, math.sqrt(ux * ux + uy * uy + uz * uz), area, dt, basal)
     s = real(1.0)
     if along > steady:
         s = steady / along
@@ -169,6 +170,11 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
             left = slip_after(compliance * (along - steady), compliance * drag * dt)
             s = (steady + drag * dt * left * left) / along
     return vec(normal * n[0] + s * tx, normal * n[1] + s * ty, normal * n[2] + s * tz)
+
+
+def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any, area: Any):
+    """:func:`effective_impulse` of a mass without pore pressure."""
+    return effective_impulse(u, n, gap, compliance, basal, dt, given, area, real(1.0))
 
 
 def column_drag(push: Any, u: Any, n: Any, area: Any, compliance: Any, gravity: Any, dt: Any, basal: Any):

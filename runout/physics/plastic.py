@@ -2,12 +2,23 @@
 
 A law is a return mapping: from the Hencky strain of an elastic step it makes the strain of an admissible stress. It takes the place
 of :func:`law_return` where kernels are compiled.
+
+A mass with pore pressure yields by effective stress: its law gets a strain whose mean stress is the share 1 - lambda of the total
+one (:func:`effective_return`). For a friction cone this is a cone of slope M (1 - lambda) on total stress.
 """
 
 from typing import Any
 
-from runout.physics.elastic import kirchhoff_stress, log_strain, log_strain_series, strain_of_log, strain_series, trial_strain
-from runout.physics.tensors import added, contracted, real, scaled, trace
+from runout.physics.elastic import (
+    kirchhoff_stress,
+    log_strain,
+    log_strain_series,
+    pressure,
+    strain_of_log,
+    strain_series,
+    trial_strain,
+)
+from runout.physics.tensors import added, contracted, real, scaled, shifted, trace
 
 
 def same(a: Any, b: Any):
@@ -80,4 +91,50 @@ def step_small(B: Any, L: Any, history: Any, mat: Any):
     trial = trial_strain(B, L)
     elastic = log_strain_series(trial)
     new, left, lost = law_return(elastic, history, mat)
+    return end_of_small_step(trial, elastic, new, left, lost)
+
+
+def history_share(effective: Any):
+    """What the history of a law is multiplied by before a return by effective stress [1], and divided by afterwards.
+
+    Here 1; :func:`volume_share` stands in its place for laws whose history is a gained volume.
+    """
+    return real(1.0)
+
+
+def volume_share(effective: Any):
+    """:func:`history_share` of a gained volume, which adds to the trace of the strain."""
+    return effective
+
+
+def with_trace(h: Any, share: Any):
+    """Strain with the same deviator as ``h``, and ``share`` times its trace."""
+    return shifted(h, (share - real(1.0)) * (real(1.0) / real(3.0)) * trace(h))
+
+
+def effective_return(h: Any, history: Any, mat: Any, effective: Any):
+    """:func:`law_return` where grains carry the share ``effective`` [1] of the mean stress, above 0."""
+    share = history_share(effective)
+    grains = with_trace(h, effective)
+    new, left, lost = law_return(grains, history * share, mat)
+    if same(grains, new):
+        return h, left / share, lost
+    total = with_trace(new, real(1.0) / effective)
+    by_water = (real(1.0) - effective * effective) * pressure(total, mat) * (trace(total) - trace(h))
+    return total, left / share, lost + by_water
+
+
+def effective_step(B: Any, L: Any, history: Any, mat: Any, effective: Any):
+    """:func:`step` by effective stress."""
+    trial = trial_strain(B, L)
+    elastic = log_strain(trial)
+    new, left, lost = effective_return(elastic, history, mat, effective)
+    return end_of_step(trial, elastic, new, left, lost)
+
+
+def effective_step_small(B: Any, L: Any, history: Any, mat: Any, effective: Any):
+    """:func:`step_small` by effective stress."""
+    trial = trial_strain(B, L)
+    elastic = log_strain_series(trial)
+    new, left, lost = effective_return(elastic, history, mat, effective)
     return end_of_small_step(trial, elastic, new, left, lost)

@@ -14,6 +14,7 @@ from runout.io.polygon_coverage import SAME_EDGE, covered_window, regrid
 from runout.io.polygons import PolygonLayer, read_polygons, without_overlap
 from runout.model.limits import checked
 from runout.model.materials import Material
+from runout.model.pore_pressure import PorePressure
 from runout.model.release import Edge, Placement, Release
 from runout.model.terrain import Terrain
 from runout.release.ground import require_elevation, require_inside
@@ -45,6 +46,7 @@ def read_vector(
     name: str | None = None,
     material: Material | None = None,
     basal_friction_angle_deg: float | str | None = None,
+    pore_pressure: PorePressure | None = None,
 ) -> Release:
     """Release of the polygons of a vector file, united.
 
@@ -89,6 +91,7 @@ def read_vector(
     return _release(
         cells, terrain, source=str(source), outline=outline, placement=placement, edge=edge, body=body, name=name or source.stem,
         material=material, basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled + said,
+        pore_pressure=pore_pressure,
     )  # fmt: skip
 
 
@@ -102,6 +105,7 @@ def read_raster(
     name: str | None = None,
     material: Material | None = None,
     basal_friction_angle_deg: float | None = None,
+    pore_pressure: PorePressure | None = None,
 ) -> Release:
     """Release of a raster of vertical thickness [m]; nodata cells are not released.
 
@@ -140,6 +144,7 @@ def read_raster(
     return _release(
         cells, terrain, source=str(source), placement=placement, name=name or source.stem, material=material,
         basal_friction_angle=_friction(basal_friction_angle_deg, str(source)), changes=changes + scaled,
+        pore_pressure=pore_pressure,
     )  # fmt: skip
 
 
@@ -152,6 +157,7 @@ def release_from_array(
     name: str = "release",
     material: Material | None = None,
     basal_friction_angle_deg: float | None = None,
+    pore_pressure: PorePressure | None = None,
     source: str = "array",
 ) -> Release:
     """Release of vertical thickness (rows, columns) [m] on the cells of the terrain, north-west corner first."""
@@ -166,6 +172,7 @@ def release_from_array(
         name=name,
         material=material,
         basal_friction_angle=friction,
+        pore_pressure=pore_pressure,
         changes=scaled,
     )
 

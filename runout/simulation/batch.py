@@ -25,7 +25,7 @@ from runout.backends.protocol import (
 )
 from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, MemoryForecast, available_bytes
+from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
 from runout.model.numerics import Numerics
 from runout.model.particle_source import CompactParticles, ParticleSource
@@ -141,6 +141,7 @@ class _Job:
         particles = CompactParticles.of(releases_in_chunks, scene.densities, scene.dtype)
         sizes = extents[0].particles, extents[0].nodes_on_device
         needed = bytes_on_device(*sizes, scene.precision, scene.structures, scene.basal.law, scene.basal.mixed, scene.substeps)
+        needed += pore_bytes(extents[0], scene.precision)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         structures = named_structures(options.get("structures"))
         return cls(number, options["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, structures)

@@ -28,7 +28,7 @@ from runout.model.scene import Scene
 from runout.quantities import member_map_names
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 12  # version of the file; increase it when the meaning of a state changes
+FORMAT = 13  # version of the file; increase it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 # errors of a damaged archive; RuntimeError: it seems to be encrypted, or has an unknown compression
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -128,6 +128,7 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
         field = scene.structures
         digest.update(repr((field.spacing, field.origin, field.band)).encode())
         arrays += [field.blocks, field.distance, field.patch, *vars(field.patches).values()]
+    arrays += [scene.pore_table().view(np.uint8)]
     for values in chain(arrays, particles.content()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

@@ -41,7 +41,7 @@ def build_scene(
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
-    from runout.backends.initial_stress import InitialStress, pressed_by
+    from runout.backends.initial_stress import InitialStress, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
@@ -61,10 +61,10 @@ def build_scene(
     stated_materials = [r.material or material for r in releases]
     strength = basal_strength.strengths(stated_materials, spacing[2])
     materials = stiffness.chosen_moduli(stated_materials, releases, frictions, strength, friction_zones)
-    for r, m in zip(releases, materials, strict=True):
-        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
+    _require_bearing(releases, materials)
     dug = [r.excavation for r in releases]
-    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(frictions, strength, friction_zones))
+    least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
+    mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
@@ -74,13 +74,21 @@ def build_scene(
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
         friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),
-        initial_stress=InitialStress.of(numerics.initial_stress),
+        initial_stress=InitialStress.of(numerics.initial_stress), pore_pressure=tuple(r.pore_pressure for r in releases),
         structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, numerics.seed)
-    press = pressed_by(scene, releases)
-    particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
+    press, wet = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed)
+    particles = ReleaseParticles(releases, materials, surface, how, press=press, wet=wet, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _require_bearing(releases: Sequence[Release], materials: Sequence[Material]) -> None:
+    """Raise an error unless the masses carry their own weight, and their pore pressure leaves them some of it to stand on."""
+    for release, material in zip(releases, materials, strict=True):
+        material.require_carries(float(release.thickness.max()), STANDARD_GRAVITY)
+        if release.pore_pressure:
+            release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

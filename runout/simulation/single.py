@@ -3,7 +3,7 @@
 import logging
 import os
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
@@ -13,8 +13,10 @@ from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.numerics import Numerics
+from runout.model.pore_pressure import doubts
 from runout.model.probes import Probes
 from runout.model.release import Release
+from runout.model.scene import Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
@@ -152,7 +154,7 @@ def simulate(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
         structures=named, accept=accept, in_chunks=True,
     )  # fmt: skip
-    for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
+    for sentence in _statements(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
     key = run_key(scene, particles, control, type(engine).__name__) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
@@ -169,3 +171,9 @@ def simulate(
     if result.depth_resolution.is_coarse:
         LOGGER.warning("%s", result.depth_resolution.warning())
     return result
+
+
+def _statements(scene: Scene, names: Sequence[str]) -> Iterator[str]:
+    """What a user should know of the releases, by their ``names``: friction that acts, pore pressure that rises."""
+    yield from basal_strength.sentences(scene, names)
+    yield from doubts(scene.pore_pressure, scene.densities, names)

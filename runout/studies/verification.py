@@ -29,6 +29,7 @@ from runout.studies.verification_cases import (
     terrain_distance,
     thin_layers,
     transfers,
+    wet_layers,
     zone_crossing,
 )
 from runout.studies.verification_cases.finding import Case, Finding, as_lines
@@ -44,7 +45,7 @@ CASES: dict[str, Case] = {
         *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
         *(curved_ground.BOWL, curved_ground.RAMP, terrain_distance.CASE, thin_layers.CASE, single_precision.CASE),
-        *(basal_laws.DRAG, basal_laws.WEAKENING, zone_crossing.CASE),
+        *(basal_laws.DRAG, basal_laws.WEAKENING, zone_crossing.CASE, wet_layers.CASE),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
         *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE),
     )

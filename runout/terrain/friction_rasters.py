@@ -55,6 +55,17 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     )
 
 
+def cells_of(path: Path, terrain: Terrain, parameter: Parameter) -> np.ndarray:
+    """Values (nx, ny) of a raster of any parameter on the cells of a terrain, from the south-west corner; NaN where there is none.
+
+    Raises
+    ------
+    ZoneError
+        With the place, the value and the remedy.
+    """
+    return _sampled(path, terrain, parameter)[0]
+
+
 def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
     """Values (nx, ny) of the raster cells that hold the centres of the cells of a terrain, NaN where there is none.
 

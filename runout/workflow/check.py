@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.member_arguments import grid_spacing
-from runout.errors import ConfigError, InputError, MaterialError, RunoutError, StructureError
+from runout.errors import ConfigError, InputError, MaterialError, ReleaseError, RunoutError, StructureError
 from runout.workflow import check_observations, check_physics, check_stiffness
 
 if TYPE_CHECKING:
@@ -102,7 +102,8 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
             _inspect_resolution(findings, findings.site)
             _inspect_reach(findings, findings.site, findings.terrain)
             findings.warnings += check_physics.warnings(findings.site, findings.releases, findings.zones)
-        except MaterialError as error:  # of a member
+            findings.notes += check_physics.wet_masses(findings.site, findings.releases)
+        except (MaterialError, ReleaseError) as error:  # of a member
             findings.note(error)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from runout.config.friction import sampled_ranges
 from runout.config.material import OF_THE_RUN
 from runout.config.member_arguments import grid_spacing
+from runout.config.pore_pressure import sampled_pores
 from runout.model.basal_strength import least_angle, sentence, strengths
 from runout.model.depth_resolution import SHARING
 
@@ -28,18 +29,20 @@ Sample = Mapping[str, float]  # sampled parameters of a member, by name
 class Bases:
     """Friction under one release in all members, coefficient of the ground at rest and strength of the mass, (members,) [1].
 
-    A number in place of a friction is its angle [rad].
+    A number in place of a friction is its angle [rad]. ``effective`` (members,) is the least share [1] of the normal stress that
+    grains carry at the start.
     """
 
     name: str
     frictions: "list[BasalFriction | float]"
     ground: np.ndarray
     strength: np.ndarray
+    effective: list[float]
 
     def acting(self, zones: "FrictionZones | None") -> np.ndarray:
-        """Smallest friction angle (members,) [rad] that acts on it on any ground."""
-        bases = zip(self.frictions, self.strength.tolist(), strict=True)
-        return np.array([least_angle([friction], [strength], zones) for friction, strength in bases])
+        """Smallest friction angle (members,) [rad] that acts on it on any ground, with the pore pressure at the start."""
+        bases = zip(self.frictions, self.strength.tolist(), self.effective, strict=True)
+        return np.array([least_angle([friction], [strength], zones, [share]) for friction, strength, share in bases])
 
 
 def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None") -> Iterator[str]:
@@ -53,10 +56,45 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
     if not releases:
         return
     yield from _thinner_than_the_grid_shows(site, least_thickness(site, releases, zones))
+    yield from _pressures_that_rise(site, releases)
     for base, release in zip(bases_of(site, releases), releases, strict=True):
         yield from _stronger_ground(base, zones)
         if site.friction.law.drags and not site.friction.law.drags_column:
             yield from _sheared_by_drag(base, release, zones)
+
+
+def _pressures_that_rise(site: "Site", releases: "Sequence[Release]") -> Iterator[str]:
+    """Sentence on each release whose pore pressure starts below the hydrostatic one in some members."""
+    samples = samples_of(site)
+    for k, release in enumerate(releases):
+        if release.pore_pressure is None:
+            continue
+        doubts = []
+        for sample, material in zip(samples, materials_of(site, samples), strict=True):
+            pore, own = sampled_pores(releases, sample)[k].pore_pressure, release.material or material
+            pore.require_fits(release.thickness, own.density, f"release {release.name}")  # type: ignore[union-attr]
+            doubts.append(pore.doubt(own.density, f"release {release.name}"))  # type: ignore[union-attr]
+        found = [(number, doubt) for number, doubt in enumerate(doubts) if doubt]
+        if found:
+            number, doubt = found[0]
+            yield doubt if len(samples) == 1 else f"{doubt} (member {number}; so in {len(found)} of {len(samples)} members)"
+
+
+def wet_masses(site: "Site", releases: "Sequence[Release]") -> Iterator[str]:
+    """What each mass with pore pressure stands on at the start, and once its pressure has drained, in a site as stated."""
+    for release, base in zip(releases, bases_of(site, releases, [{}]), strict=True):
+        pore = release.pore_pressure
+        if pore is None:
+            continue
+        ground = min(float(base.ground[0]), float(base.strength[0]))
+        rest = pore.equilibrium((release.material or site.material()).density)
+        acting, left = (math.degrees(math.atan((1.0 - ratio) * ground)) for ratio in (pore.highest, rest))
+        carried = f"{pore.highest:.3g}" if pore.lowest == pore.highest else f"{pore.lowest:.3g} to {pore.highest:.3g}"
+        yield (
+            f"release {release.name}: water carries {carried} of its weight at the start; the ground, of "
+            f"{math.degrees(math.atan(ground)):.1f} deg, acts like {acting:.1f} deg, and like {left:.1f} deg once the pressure has "
+            f"drained to {rest:.3g}"
+        )
 
 
 def least_thickness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
@@ -100,11 +138,12 @@ def bases_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sam
     height = grid_spacing(site.settings, releases)[2]
     own = np.array(strengths(materials_of(site, samples), height))
     members = [site.friction.of_releases(releases, sample) for sample in samples]
+    wet = [[r.least_effective for r in sampled_pores(releases, sample)] for sample in samples]
     bases = []
-    for r, frictions in zip(releases, map(list, zip(*members, strict=True)), strict=True):
+    for k, (r, frictions) in enumerate(zip(releases, map(list, zip(*members, strict=True)), strict=True)):
         ground = np.array([math.tan(f) if isinstance(f, float) else f.at_rest for f in frictions])
         strength = own if r.material is None else np.full_like(own, strengths([r.material], height)[0])
-        bases.append(Bases(r.name, frictions, ground, strength))
+        bases.append(Bases(r.name, frictions, ground, strength, [shares[k] for shares in wet]))
     return bases
 
 

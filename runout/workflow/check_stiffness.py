@@ -56,7 +56,8 @@ def member_stiffness(
 
 def _ground(bases: "Sequence[Bases]", k: int, materials: "Sequence[Material]", zones: "FrictionZones | None") -> "GroundFriction":
     """Friction of the ground below the releases of member ``k``."""
-    return ground_below(materials, [b.frictions[k] for b in bases], [float(b.strength[k]) for b in bases], zones)
+    strength, effective = [float(b.strength[k]) for b in bases], [b.effective[k] for b in bases]
+    return ground_below(materials, [b.frictions[k] for b in bases], strength, zones, effective)
 
 
 def _less_drag(releases: "Sequence[Release]", grounds: "Sequence[GroundFriction]", speeds: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ class _Kernels:
     friction: "BasalFriction"
     zones: bool
     structures: bool
+    wet: bool
     choices: dict[str, Any]  # of the scheme
 
     @classmethod
@@ -43,6 +44,7 @@ class _Kernels:
             site.friction.law.example,
             bool(terrain.friction_zones or terrain.friction_rasters),
             may_hold_bodies(site.settings),
+            any(r.pore_pressure for r in site.settings.release),
             Scheme.of(stated.model_dump()).of_kernels(),
         )
 
@@ -52,7 +54,7 @@ class _Kernels:
         from runout.forecast import engine_notes
 
         laws = engine_notes.laws_of({"material": self.material, "basal_friction": self.friction})
-        return [*laws, self.releases, self.zones, self.structures, self.choices]
+        return [*laws, self.releases, self.zones, self.structures, self.wet, self.choices]
 
     def noted(self, times: int = 1) -> bool:
         """Whether they are known to be compiled; ``times`` is that of :func:`runout.forecast.engine_notes.known`."""
@@ -77,7 +79,7 @@ def compile_ahead(site: "Site") -> "Compilation | None":
         return None
     materials, bodies = (kernels.material,) * kernels.releases, kernels.structures
     return start_compilation(
-        materials, kernels.friction, kernels.choices, zones=kernels.zones, structures=bodies, marked=kernels.note
+        materials, kernels.friction, kernels.choices, zones=kernels.zones, structures=bodies, wet=kernels.wet, marked=kernels.note
     )
 
 

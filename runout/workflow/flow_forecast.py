@@ -134,7 +134,8 @@ def _resistance(
         basal = member.get("basal_friction") or math.radians(member["basal_friction_angle"])
         materials = [r.material or member["material"] for r in releases]
         frictions, strengths = basal_strength.frictions_under(releases, basal), basal_strength.strengths(materials, height)
-        grounds.append(ground_below(materials, frictions, strengths, member["friction_zones"]))
+        effective = [r.least_effective for r in member["release"]]
+        grounds.append(ground_below(materials, frictions, strengths, member["friction_zones"], effective))
     if grounds[0].law.name == DEFAULT_FRICTION:
         return resting_resistance(grounds)
     return ColumnResistance(grounds, thickness, fastest)

@@ -24,6 +24,7 @@ from runout.physics import (
     moments,
     numerical_scales,
     plastic,
+    pore_pressure,
     structures,
     substeps,
     tensors,
@@ -31,7 +32,8 @@ from runout.physics import (
 )
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
-MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5}
+PORES = {"equilibrium": 0.4, "closure": 1.27, "decay_rate": 0.1, "diffusion": 0.05}
+MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5, **PORES}
 MASS = MassAbove(0.5, 2000.0, 9.81)
 TIME_STEP = 1e-3
 SINGLE_PRECISION_OF_A_LAW = 3e-5  # strains a hundred times beyond yield leave a small difference of large numbers
@@ -131,7 +133,7 @@ served = spread(0.1, 6)  # by the series, nearly all
 rate = spread(0.005, 9)
 step, speed, block = between(1e-4, 1e-2), between(0.0, 50.0), whole(-(2**20), 2**20 - 1)
 
-area = between(0.1, 4.0)
+area, share = between(0.1, 4.0), between(0.03, 1.0)
 IN_LATTICE_CELL = (between(0.0, 1.0),) * 3
 OF_A_CONTACT = (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.01, 0.1), vector, area)
 
@@ -181,6 +183,20 @@ CASES = [
     Case(plastic.law_return, "ysm", "yss", (strain, remembered)),
     Case(plastic.step, "ytsm", "yyss", (strain, rate, remembered)),
     Case(plastic.step_small, "ytsm", "yysss", (strain, rate, remembered)),
+    Case(plastic.history_share, "s", "s", (share,)),
+    Case(plastic.volume_share, "s", "s", (share,)),
+    Case(plastic.with_trace, "ys", "y", (strain, share)),
+    Case(plastic.effective_return, "ysms", "yss", (strain, remembered, share)),
+    Case(plastic.effective_step, "ytsms", "yyss", (strain, rate, remembered, share)),
+    Case(plastic.effective_step_small, "ytsms", "yysss", (strain, rate, remembered, share)),
+    Case(pore_pressure.equilibrium_ratio, "ss", "s", (share, between(500, 3000))),
+    Case(pore_pressure.diffusion_rate, "s", "s", (step,)),
+    Case(pore_pressure.layer_thickness, "sssss", "s", (between(0.1, 50.0), area, between(500, 3000), number, number)),
+    Case(pore_pressure.remaining_share, "ssm", "s", (area, step)),
+    Case(pore_pressure.pore_ratio, "ssm", "s", (between(-0.4, 0.5), share)),
+    Case(pore_pressure.effective_share, "ssm", "s", (between(-0.4, 0.5), share)),
+    Case(pore_pressure.effective_friction, "ss", "s", (angle, share)),
+    Case(pore_pressure.total_lateral_ratio, "ss", "s", (angle, share)),
     Case(geostatic.at_rest, "s", "s", (angle,)),
     Case(geostatic.shear_strength, "ss", "s", (angle, modulus)),
     Case(geostatic.acting_friction, "ss", "s", (angle, angle)),
@@ -206,6 +222,7 @@ CASES = [
     Case(contact.ground_area, "sss", "s", (between(0.1, 50.0), between(0.1, 4.0), between(0.2, 1.0))),
     Case(contact.slip_after, "ss", "s", (speed, between(0.0, 10.0))),
     Case(contact.impulse, "vvssmsvs", "v", OF_A_CONTACT),
+    Case(contact.effective_impulse, "vvssmsvss", "v", (*OF_A_CONTACT, share)),
     Case(contact.approach_speed, "vssss", "s", (vector, number, number, step, step)),
     Case(contact.reach, "ssss", "s", (between(0.1, 2.0), speed, step, between(0.001, 0.02))),
     Case(contact.zone_friction, "sss", "s", (angle, angle, angle)),
@@ -296,10 +313,13 @@ def law_cases(law: Law | FrictionLaw) -> list[Case]:
     """The return mapping of a law and the steps that a kernel makes of it; the resistance of a law of friction and its impulse."""
     if isinstance(law, FrictionLaw):
         resistance = Case(law.resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step), law=law)
-        return [resistance, Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law)]
+        wet = Case(law.effective_impulse, "vvssmsvss", "v", (*OF_A_CONTACT, share), law=law)
+        return [resistance, Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law), wet]
     returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update else []
     steps = [
         (law.step, "ytsm", "yyss", (loaded, rate, remembered)),
         (law.step_small, "ytsm", "yysss", (loaded, rate, remembered)),
+        (law.effective_step, "ytsms", "yyss", (loaded, rate, remembered, share)),
+        (law.effective_step_small, "ytsms", "yysss", (loaded, rate, remembered, share)),
     ]
     return [Case(*case, SINGLE_PRECISION_OF_A_LAW, law) for case in [*returns, *steps]]

@@ -72,6 +72,7 @@ class Batch:
             given[0].law, given[0].basal.law, given[0].precision, deterministic,
             zoned=any(s.friction_zones for s in given),
             structured=any(map(structured, given)), substepped=any(s.substeps > 1 for s in given),
+            wet=any(s.is_wet for s in given),
         )  # fmt: skip
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)

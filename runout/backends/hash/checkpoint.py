@@ -40,6 +40,7 @@ def save(engine: "HashBackend") -> State:
     state |= {"homes": i.homes.numpy()[: int(status.tally.numpy()[HOMES])]}
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
+    state |= {"pore_left": s.pore_left.numpy(), "pore_excess": s.pore_excess.numpy()}
     state |= {"forces": s.forces.numpy(), "step_counts": scenes.group.step_counts.numpy()}
     state |= {"peaks": status.peaks.numpy(), "tally": status.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
@@ -106,7 +107,9 @@ def _restore_structures(parts: Parts, state: State) -> None:
 
 def _store(state: State, number: Any) -> Store:
     rec = state["rec"]
-    store = Store(np.asarray(state["own.identity"]), number, rec.shape[1])
+    store = Store(np.asarray(state["own.identity"]), number, rec.shape[1], len(state["pore_left"]) > 0)
+    _fill(store.pore_left, state["pore_left"])
+    _fill(store.pore_excess, state["pore_excess"])
     _fill(store.forces, state["forces"])
     store.rec.assign(np.ascontiguousarray(rec))
     for name in BY_PARTICLE:

@@ -27,6 +27,7 @@ from runout.backends.hash.groups import (
     GridGroup,
     GroundGroup,
     ParticleGroup,
+    PoreGroup,
     SceneGroup,
     StatusGroup,
     StructureGroup,
@@ -55,6 +56,7 @@ from runout.backends.hash.layout import (
     SUBSTEPPED,
     TILE,
     TOUCHED,
+    WET,
     ZONED,
     Frictions,
     Nodes,
@@ -70,11 +72,12 @@ from runout.backends.hash.layout import (
     own_lane,
     sums9,
 )
+from runout.backends.hash.pore_pressure import _effective
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_near_bases
 from runout.backends.hash.structure_surface import _book_impulse, _book_work, _cell, _surface
 from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
-from runout.physics.contact import column_drag, fastest_start, impulse, started_time, work
+from runout.physics.contact import column_drag, effective_impulse, fastest_start, impulse, started_time, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.structures import contact_gap, entry_velocity, stopping_impulse
 from runout.physics.substeps import moved_gap, time_ahead
@@ -229,8 +232,8 @@ def _push_of_structure(
 
 def _push(
     particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
-    surface: Surface, friction: Frictions, tile: Tile, bases: Tile, s: int, b: int, near: int, c: int, p: int, f: Vector, dt: Any,
-    given: Vector, entering: int,
+    surface: Surface, friction: Frictions, pores: PoreGroup, tile: Tile, bases: Tile, s: int, b: int, near: int, c: int, p: int,
+    f: Vector, dt: Any, given: Vector, entering: int,
 ):  # fmt: skip
     """Work [J] and impulse [N s] of the surface on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
 
@@ -251,7 +254,11 @@ def _push(
         _book_impulse(surface, s, patch, push)
     else:
         basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, _moved(f, way, constants.h))]
-        push = impulse(u, n, gap, compliance, basal, dt, given, area)
+        if WET:
+            effective, _share = _effective(particles, pores, p, b, c, dt)
+            push = effective_impulse(u, n, gap, compliance, basal, dt, given, area, effective)
+        else:
+            push = impulse(u, n, gap, compliance, basal, dt, given, area)
         if DRAGS_COLUMN:
             drag = column_drag(push, u, n, area, compliance, real(wp.length(constants.gravity)), dt, basal)
     before = _velocity_in_place(particles.rec, p) if SUBSTEPPED else _velocity(particles.rec, p)
@@ -409,7 +416,8 @@ def _block_in_contact(
 
 def solve_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
-    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, surface: Surface, friction: Frictions, entering: int,
+    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, surface: Surface, friction: Frictions, pores: PoreGroup,
+    entering: int,
 ):  # fmt: skip
     """Compute one impulse per contact particle, and add its change since the detection to the nodes.
 
@@ -459,8 +467,8 @@ def solve_contacts(
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
                 given = _given(particles, constants, surface, p, last, dt)
                 push, drag = _push(
-                    particles, blocks, contacts, scenes, constants, surface, friction, tile, bases, s, b, place, c, p, f, dt,
-                    given, entering,
+                    particles, blocks, contacts, scenes, constants, surface, friction, pores, tile, bases, s, b, place, c, p, f,
+                    dt, given, entering,
                 )  # fmt: skip
                 done += push
                 change = vec(push[1], push[2], push[3]) - given

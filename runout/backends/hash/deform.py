@@ -10,6 +10,7 @@ from runout.backends.hash.layout import (
     HISTORY,
     MOMENTUM,
     STRAIN,
+    WET,
     WIDE_X,
     WIDE_Y,
     Rows,
@@ -20,7 +21,7 @@ from runout.backends.hash.stencil import _arms
 from runout.physics.bspline import weights
 from runout.physics.elastic import kirchhoff_stress
 from runout.physics.moments import affine_columns, moment_slope, stress_columns, velocity_gradient
-from runout.physics.plastic import step as law_update
+from runout.physics.plastic import step
 from runout.physics.substeps import force_columns, inverse_deformation, present_gradient, stress_at_start
 from runout.physics.tensors import real, sym, vec
 
@@ -108,18 +109,31 @@ def _particle_of(room: Tile, staged: int):
     return _held(room, staged, 0), _held(room, staged, 11), _held(room, staged, 10), B, f
 
 
-def _deform(rec: Rows, p: int, room: Tile, staged: int, tile: Tile, first: int, mat: Any, slopes: Any):
+law_update: Any = step  # of a law, by effective stress where WET is set; the binding puts it in its place
+
+
+def _law(B: Any, L: Any, history: Any, mat: Any, effective: Any):
+    """Law of a particle whose grains carry the share ``effective`` [1] of the mean stress."""
+    if WET:
+        B, log, history, work = law_update(B, L, history, mat, effective)
+    else:
+        B, log, history, work = law_update(B, L, history, mat)
+    return B, log, history, work
+
+
+def _deform(rec: Rows, p: int, room: Tile, staged: int, tile: Tile, first: int, mat: Any, slopes: Any, effective: Any):
     """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J]."""
     m, volume, history, B, f = _particle_of(room, staged)
     v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
-    B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
+    B, log, history, work = _law(B, velocity_gradient(x, y, z, slopes), history, mat, effective)
     packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
     _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
     return f, v, work * volume
 
 
 def _deform_on_way(
-    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any
+    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any,
+    effective: Any,
 ):  # fmt: skip
     """As :func:`_deform` at the end of several substeps; returns the way [m] before the last one too.
 
@@ -129,14 +143,15 @@ def _deform_on_way(
     v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
     way, ux, uy, uz = _gather(f, ways, first, WIDE_X, WIDE_Y)
     inverse = inverse_deformation(velocity_gradient(ux, uy, uz, of_way))
-    B, log, history, work = law_update(B, present_gradient(velocity_gradient(x, y, z, slopes), inverse), history, mat)
+    B, log, history, work = _law(B, present_gradient(velocity_gradient(x, y, z, slopes), inverse), history, mat, effective)
     packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
     _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
     return f, v, way, work * volume
 
 
 def _strain_in_place(
-    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any, gone: int
+    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any, gone: int,
+    effective: Any,
 ):  # fmt: skip
     """Law of a particle that stays, in a further substep, from the nodes at ``first`` of tiles of 6 x 6 x 6.
 
@@ -152,7 +167,7 @@ def _strain_in_place(
         way = u * real(1.0)
         moved = velocity_gradient(ux, uy, uz, of_way)
     rate = velocity_gradient(x, y, z, slopes)
-    B, log, history, work = law_update(B, present_gradient(rate, inverse_deformation(moved)), history, mat)
+    B, log, history, work = _law(B, present_gradient(rate, inverse_deformation(moved)), history, mat, effective)
     stress = stress_at_start(kirchhoff_stress(log, mat), inverse_deformation(moved + rate))
     _store_strain(rec, p, B, history)
     return f, v, way, force_columns(stress, volume, slopes), work * volume

@@ -25,6 +25,7 @@ NEARLY = 0.8  # share of the room from which on arrays grow with others
 
 if TYPE_CHECKING:
     from runout.backends.hash.index import Index
+    from runout.backends.hash.scenes import SceneArrays
     from runout.backends.hash.state import Store
     from runout.model.basal_friction import BasalFriction
     from runout.model.friction_laws import FrictionLaw
@@ -105,6 +106,12 @@ class NodeArrays:
         self.beside = wp.full((dragged, 9), -1, dtype=wp.int32)
         self.masses = wp.zeros(PLAN * releases * capacity * (releases > 1), dtype=real)
         return filled(self.types.ColumnGroup, self)
+
+    def make_layers(self, index: Index, store: Store, scenes: SceneArrays) -> None:
+        """The layers in which pore pressure drains, if any mass of the ``scenes`` is wet, and its group."""
+        self.layers = wp.zeros(COLUMNS * index.capacity * scenes.wet, dtype=self.number)
+        arrays = {"left": store.pore_left, "excess": store.pore_excess, "layers": self.layers}
+        self.pore_group = filled(self.types.PoreGroup, self, **arrays, records=scenes.pores, density=scenes.pore_density)
 
     def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:
         """The memory of the grid for something else, while it holds nothing; it must be zero again for the next step."""

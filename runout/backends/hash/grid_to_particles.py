@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _deform, _deform_on_way, _slopes
-from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, Home, ParticleGroup, SceneGroup, StatusGroup
+from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, Home, ParticleGroup, PoreGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     FAILED,
     GONE,
@@ -41,6 +41,7 @@ from runout.backends.hash.layout import (
     lane_count,
     node4,
 )
+from runout.backends.hash.pore_pressure import _drained
 from runout.backends.hash.shared_memory import ROOM
 from runout.backends.hash.stencil import _cell_entry, _load_wide
 from runout.physics.blocks import local_index
@@ -184,11 +185,11 @@ def _release_at(particles: ParticleGroup, constants: Constants, p: int):
 
 def _deform_by_two(
     particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, room: Tile, staged: int, tile: Tile, ways: Tile,
-    corner: int, mat: Any, slopes: Any, scene: int,
+    corner: int, mat: Any, slopes: Any, scene: int, effective: Any,
 ):  # fmt: skip
     """As ``_deform`` after several substeps; returns the velocity that moves a particle in a substep, and then its own."""
     of_way = _slopes(real(1.0), constants.h)
-    f, own, way, work = _deform_on_way(particles.rec, p, room, staged, tile, ways, corner, mat, slopes, of_way)
+    f, own, way, work = _deform_on_way(particles.rec, p, room, staged, tile, ways, corner, mat, slopes, of_way, effective)
     return f, own + way / scenes.clock[scene, 0], own, work
 
 
@@ -214,7 +215,7 @@ def _book(status: StatusGroup, grid: GridGroup, home: Home, lane: int, fastest: 
 
 def grid_to_particles(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
-    constants: Constants, mats: Materials, launched: int,
+    constants: Constants, mats: Materials, pores: PoreGroup, launched: int,
 ):  # fmt: skip
     """Velocity, law, motion and next record of each particle; its new cell, and the count of the particles of each cell.
 
@@ -265,13 +266,14 @@ def grid_to_particles(
                     cell = _cell_from_home(home, k, blocks.coordinates)
                     mat = mats[release]
                     corner = ((cell[0] + 1) * WIDE_X + (cell[1] + 1) * WIDE_Y + cell[2] + 1) & PLACES
+                    effective = _drained(particles, pores, p, k, dt)
                     if SUBSTEPPED:
                         f, v, own, work = _deform_by_two(
-                            particles, scenes, constants, p, room, staged, tile, ways, corner, mat, slopes, scene
+                            particles, scenes, constants, p, room, staged, tile, ways, corner, mat, slopes, scene, effective
                         )
                         fastest = wp.max(fastest, dot(own, own))
                     else:
-                        f, v, work = _deform(particles.rec, p, room, staged, tile, corner, mat, slopes)
+                        f, v, work = _deform(particles.rec, p, room, staged, tile, corner, mat, slopes, effective)
                         fastest = wp.max(fastest, dot(v, v))
                     lost += wp.float64(work)
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])

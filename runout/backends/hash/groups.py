@@ -16,6 +16,7 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.compile import warp_record
 from runout.backends.hash.layout import (
     Double,
     Doubles,
@@ -27,6 +28,7 @@ from runout.backends.hash.layout import (
     Keys,
     Longs,
     Nodes,
+    PoreRecords,
     Real,
     Reals,
     Rows,
@@ -36,6 +38,7 @@ from runout.backends.hash.layout import (
     Vector,
     Vector64,
 )
+from runout.model.pore_pressure import FIELDS as PORE_FIELDS
 
 
 class ParticleGroup:
@@ -120,6 +123,16 @@ class ColumnGroup:
     moving: Nodes  # (16 blocks,) by the first block: mass [kg] and momentum [kg m/s] of a column of nodes, before gravity
     change: Nodes  # (16 blocks,) likewise: work of drag on it [J] and change of its velocity [m/s], in fixed order; else empty
     masses: Reals  # (36 releases blocks,) mass of each release on 6 x 6 columns of nodes [kg], where friction differs; else empty
+
+
+class PoreGroup:
+    """Pore pressure; empty in dry batches; owned by :class:`runout.backends.hash.grid.NodeArrays`, but arrays by particle."""
+
+    left: Reals  # (loaded,) by place as loaded: the part of the excess pressure that remains [1]
+    excess: Reals  # (loaded,) likewise: ratio at the start over the one that stays [1]
+    layers: Reals  # (16 blocks,) mass by area of ground of the layer at each column of the cells of a block [kg/m2]
+    records: PoreRecords  # (releases,) numbers of each release
+    density: Reals  # (releases,) [kg/m3]
 
 
 class StatusGroup:
@@ -220,7 +233,7 @@ class Search:
 
 
 GROUPS = (
-    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, ColumnGroup, StatusGroup, SceneGroup,
+    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, ColumnGroup, PoreGroup, StatusGroup, SceneGroup,
     SurfaceGroup, StructureGroup, SumGroup, Constants,
 )  # fmt: skip
 
@@ -236,6 +249,7 @@ def argument_types(real: Any) -> dict[str, Any]:
         "Ints": wp.array(dtype=wp.int32), "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16),
         "Floats": wp.array(dtype=wp.float32), "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
     }  # fmt: skip
+    types["PoreRecords"] = wp.array(dtype=warp_record("pores", PORE_FIELDS, real))
     return types | {group.__name__: _struct(group, real, types) for group in (*GROUPS, Home, Search)}
 
 

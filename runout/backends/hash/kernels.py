@@ -33,6 +33,7 @@ from runout.backends.hash import (
     nodes,
     observe,
     particles_to_grid,
+    pore_pressure,
     stencil,
     structure_contact,
     structure_surface,
@@ -49,7 +50,7 @@ from runout.model.laws import Law
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
-LAW_KERNELS = ("grid_to_particles", "change_step", "unpack", "sum_blocks", "sum_gone")
+LAW_KERNELS = ("grid_to_particles", "change_step", "unpack", "sum_blocks", "sum_gone", "measure_layers")
 FRICTION_KERNELS = ("solve_contacts", "slow_columns", "update_nodes", "slow_nodes")
 SUM_KERNELS = ("particles_to_grid", "find_contacts", "list_cells", "note_up", "sum_columns")
 STRUCTURE_KERNELS = (
@@ -102,28 +103,28 @@ class Kind:
 def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP), structured: bool = False) -> Kind:
     """A set of kernels of transfers of several substeps."""
     sources = (
-        stencil, zones, contact_area, column_drag, nodes, structure_surface, contact_solution, contact_detection, structure_contact,
-        deform, grid_to_particles, particles_to_grid, substeps,
+        stencil, zones, contact_area, column_drag, nodes, structure_surface, pore_pressure, contact_solution, contact_detection,
+        structure_contact, deform, grid_to_particles, particles_to_grid, substeps,
     )  # fmt: skip
     return Kind(sources, kernels.__contains__, FLOAT32_BLOCKS | STRUCTURE_BLOCKS, fast, substepped=True, structured=structured)
 
 
 KINDS = {
     "common": Kind(
-        (stencil, index, block_numbers, contact_area, cell_lists, zones, column_drag, contact_solution, deform, ground, observe,
-        unknown), lambda name: name not in {*LAW_KERNELS, *FRICTION_KERNELS, *SUM_KERNELS}, FLOAT32_BLOCKS,
+        (stencil, index, block_numbers, contact_area, cell_lists, zones, column_drag, pore_pressure, contact_solution, deform,
+        ground, observe, unknown), lambda name: name not in {*LAW_KERNELS, *FRICTION_KERNELS, *SUM_KERNELS}, FLOAT32_BLOCKS,
     ),
     "sums": Kind(
-        (stencil, index, block_numbers, contact_area, cell_lists, zones, contact_solution, contact_detection, particles_to_grid),
-        SUM_KERNELS.__contains__, FLOAT32_BLOCKS,
+        (stencil, index, block_numbers, contact_area, cell_lists, zones, pore_pressure, contact_solution, contact_detection,
+        particles_to_grid), SUM_KERNELS.__contains__, FLOAT32_BLOCKS,
     ),
-    "law": Kind((stencil, deform, grid_to_particles, observe), LAW_KERNELS.__contains__, FLOAT32_BLOCKS),
+    "law": Kind((stencil, pore_pressure, deform, grid_to_particles, observe), LAW_KERNELS.__contains__, FLOAT32_BLOCKS),
     "friction": Kind(
-        (stencil, contact_area, zones, column_drag, nodes, contact_solution), FRICTION_KERNELS.__contains__, FLOAT32_BLOCKS,
-        (WARP, PARTICLE_LANES),
+        (stencil, contact_area, zones, column_drag, nodes, pore_pressure, contact_solution), FRICTION_KERNELS.__contains__,
+        FLOAT32_BLOCKS, (WARP, PARTICLE_LANES),
     ),
     "structures": Kind(
-        (stencil, zones, contact_area, structure_surface, contact_solution, contact_detection, structure_contact),
+        (stencil, zones, contact_area, structure_surface, pore_pressure, contact_solution, contact_detection, structure_contact),
         STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,), structured=True,
     ),
     "substeps.sums": _substeps("resume_nodes", "close_step"),
@@ -162,15 +163,18 @@ def _common_names(precision: str) -> dict[str, Any]:
     return argument_types(real) | _local_types(real) | natives.of(precision) | names
 
 
-def _law_names(law: Law, precision: str) -> dict[str, Any]:
+def _law_names(law: Law, precision: str, wet: bool) -> dict[str, Any]:
     real = _number(precision)
-    return {"Materials": wp.array(dtype=law_record(law, real)), "law_update": _physics(real).law(law).step}
+    return {
+        "Materials": wp.array(dtype=law_record(law, real)),
+        "law_update": getattr(_physics(real).law(law), "effective_step" if wet else "step"),
+    }
 
 
 def _friction_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
     real = _number(precision)
     of_contact = _physics(real).friction(friction)
-    names = {name: getattr(of_contact, name) for name in ("impulse", "column_drag", "free_column_drag")}
+    names = {name: getattr(of_contact, name) for name in ("impulse", "effective_impulse", "column_drag", "free_column_drag")}
     return names | {"Frictions": wp.array(dtype=law_record(friction, real))}
 
 
@@ -190,20 +194,20 @@ def _module(name: str, lanes: int, fast: bool) -> Any:
 @cache
 def _kernels_of(
     kind: str, precision: str, law: Law | None = None, friction: FrictionLaw | None = None, ordered: bool = False,
-    area: bool = False, drags: bool = False, zoned: bool = False,
+    area: bool = False, drags: bool = False, zoned: bool = False, wet: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Kernels of a set by name, for what it depends on: one warp module for each number of lanes a block."""
     what = KINDS[kind]
-    chosen = ".ordered" * ordered + ".area" * area + ".drags" * drags + ".zoned" * zoned
+    chosen = ".ordered" * ordered + ".area" * area + ".drags" * drags + ".zoned" * zoned + ".wet" * wet
     label = ".".join([NAME, kind, *(given.name for given in (law, friction) if given), precision]) + chosen
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
-    names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
+    names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned, "WET": wet}
     names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
     names |= {"COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
-    names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
+    names |= (_law_names(law, precision, wet) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
-    needed = {"slow_nodes": drags, "slow_columns": drags and ordered}
+    needed = {"measure_layers": wet, "slow_nodes": drags, "slow_columns": drags and ordered}
 
     def module_of(name: str) -> Any:
         wanted = what.wanted(name) and needed.get(name, True)
@@ -225,24 +229,27 @@ def _structure_kernels(kind: str, precision: str, ordered: bool) -> dict[str, An
 @cache
 def compiled_kernels(
     law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, structured: bool = False,
-    substepped: bool = False,
+    substepped: bool = False, wet: bool = False,
 ) -> SimpleNamespace:  # fmt: skip
     """Kernels for laws of material and ``friction`` and a number type.
 
     ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``structured``: contact with structures,
-    ``substepped``: transfers of several substeps, for which ``later`` holds all kernels. ``modules`` are the warp modules.
+    ``wet``: a mass has pore pressure, ``substepped``: transfers of several substeps, for which ``later`` holds all kernels.
+    ``modules`` are the warp modules.
     """
     real, drags = _number(precision), friction.drags_column
     of_sums = {"ordered": ordered, "area": friction.uses_area, "drags": drags}
-    of_friction: dict[str, Any] = of_sums | {"friction": friction, "zoned": zoned}
+    of_friction: dict[str, Any] = of_sums | {"friction": friction, "zoned": zoned, "wet": wet}
     found = _kernels_of("common", precision) | _kernels_of("sums", precision, **of_sums)
-    found |= _kernels_of("law", precision, law) | _kernels_of("friction", precision, **of_friction)
+    found |= _kernels_of("law", precision, law, wet=wet) | _kernels_of("friction", precision, **of_friction)
     kernels = SimpleNamespace(**found, record=law_record(law, real), friction_record=law_record(friction, real))
     if structured:
         vars(kernels).update(_structure_kernels("structures", precision, ordered))
         kernels.structure_friction = law_record(FRICTION, real)
     if substepped:
-        later = _kernels_of("substeps.sums", precision, **of_sums) | _kernels_of("substeps.law", precision, law, ordered=ordered)
+        later = _kernels_of("substeps.sums", precision, **of_sums) | _kernels_of(
+            "substeps.law", precision, law, ordered=ordered, wet=wet
+        )
         later |= _kernels_of("substeps.friction", precision, **of_friction)
         if structured:
             later |= _structure_kernels("substeps.structures", precision, ordered)

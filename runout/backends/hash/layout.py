@@ -38,6 +38,7 @@ Longs: TypeAlias = Any
 Materials: TypeAlias = Any
 Frictions: TypeAlias = Any
 Surface: TypeAlias = Any
+PoreRecords: TypeAlias = Any
 Tile: TypeAlias = Any
 
 # vectors and matrices of the compiler that the binding puts in their place: numbers of a node; of 9 or 27 nodes, so many each
@@ -60,6 +61,7 @@ AREAS_AT_ONCE, DRAGS_AT_ONCE = False, False  # the same two where sums over colu
 LIMITS_START = False  # fast contacts start from no force of the step before; the binding decides
 STRUCTURED = False  # the surface of contact is that of structures, else the ground; the binding decides
 GIVES_MASS = True  # particles give mass and momentum to the nodes, else impulses alone; the binding decides
+WET = False  # a mass has pore pressure; the binding decides
 SUBSTEPPED = False  # further substeps of a transfer, and its end; the binding decides
 COUNTED_AT_ONCE = True  # the contrary: warp takes branches by constants, not by their negation
 LASTING, SUBSTEPS, CLOCK = 5, 6, 7  # of a row of the clock: length [s] of a transfer, and its substeps; numbers in all

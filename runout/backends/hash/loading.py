@@ -51,7 +51,7 @@ class Loaded:
         """
         size = sum(map(len, sources))
         require_particles(size, scenes.scenes[0].dtype().itemsize)
-        store = Store(np.zeros(size, np.int64), scenes.number)
+        store = Store(np.zeros(size, np.int64), scenes.number, wet=scenes.wet)
         loaded = cls(scenes, store, wp.zeros((size, 3), dtype=wp.int32))
         first = 0
         for number, (scene, source) in enumerate(zip(scenes.scenes, sources, strict=True)):

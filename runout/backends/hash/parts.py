@@ -46,6 +46,7 @@ class Parts:
         dragged = self.drags_column * self.scenes.mixed
         choices = self.uses_area, self.structures is not None, dragged, self.scenes.substepped
         self.nodes = NodeArrays(self.index, self.store, self.scenes.number, *choices)
+        self.nodes.make_layers(self.index, self.store, self.scenes)
         if self.structures:
             self.structures.make_nodes(self.index, self.store, self.nodes)
 

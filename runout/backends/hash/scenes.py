@@ -47,6 +47,10 @@ class SceneArrays:
         First release of each scene, on the device.
     mixed : int
         Most releases of a scene if the friction of those of any scene differs, else 1.
+    wet : bool
+        Whether any mass has pore pressure.
+    pores, pore_density : (releases,) records, (releases,)
+        Records of pore pressure; density [kg/m3].
     group : SceneGroup
     constants : Constants
     unknown : UnknownCells
@@ -65,6 +69,10 @@ class SceneArrays:
         if many > 1 and many * self.rows >= LARGEST_BLOCK:
             raise CapacityError(f"{many} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
         self.shifts, self.substeps = 4 * self.rows * np.arange(many), np.ones(many, np.int64)
+        self.wet = any(scene.is_wet for scene in scenes)
+        pores = np.concatenate([scene.pore_table(first.dtype) for scene in scenes])
+        self.pores = wp.array(pores, dtype=kernels.groups.PoreGroup.vars["records"].type.dtype)
+        self.pore_density = wp.array(np.array([m.density for m in materials]), dtype=self.number)
         zones = Zones(scenes, kernels.friction_record)
         self.friction = zones.friction
         self.releases = wp.array(self.first_release[:-1].astype(np.int32), dtype=wp.int32)

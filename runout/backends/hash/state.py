@@ -3,7 +3,7 @@
     memory (25, n)    turn 0: | record 0 ... 23 | radius |     turn 1: | radius | record 0 ... 23 |
     memory (30, n)    turn 0: | record 0 ... 23 | radius | 5 free |     turn 1: | 5 free | record 0 ... 23 | radius |
     a row             one number of every particle: neighbours in a warp read neighbours in memory
-    number            place of a particle in the input; ``forces`` is in that order, all other arrays in the order of memory
+    number            place of a particle in the input; ``forces`` and pore pressure are in that order, all others in that of memory
 
 A sort moves each row to the row beside it, so that the particles need no second copy. Where particles are few, launches take the
 time: it moves five rows at once to the five that are free.
@@ -56,15 +56,18 @@ class Store:
     memory : (ROWS + 1, size) or (ROWS + 1 + SPARE, size)
         Rows of the record and the radius. A sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1
         back, and the radius to the place at the other end; or all of them by ``spare`` places.
+    pore_left, pore_excess : (loaded,)
+        As in :class:`runout.backends.hash.groups.PoreGroup`; empty in a dry batch.
     put_releases : set of int
         Releases of the particles.
     """
 
-    def __init__(self, identity: np.ndarray, number: Any, size: int | None = None):
+    def __init__(self, identity: np.ndarray, number: Any, size: int | None = None, wet: bool = False):
         self.identity, self.size = identity, len(identity) if size is None else size
         self.put_releases: set[int] = set()
         self.n = size = self.size
         self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
+        self.pore_left, self.pore_excess = (wp.zeros(len(identity) * wet, dtype=number) for _ in range(2))
         self.spare = SPARE if size < FEW else 0
         self.memory = wp.zeros((ROWS + 1 + self.spare, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
@@ -76,6 +79,11 @@ class Store:
     def only(self) -> int:
         """The release of all particles, -1 if there are several or none."""
         return next(iter(self.put_releases)) if len(self.put_releases) == 1 else -1
+
+    @property
+    def pores(self) -> tuple[Any, Any]:
+        """Excess pore pressure at the start, and the part that remains, (loaded,) each; empty in a dry batch."""
+        return self.pore_excess, self.pore_left
 
     def put(self, part: slice, p: Particles, first_release: int, spacing: tuple[float, float, float], dtype: Any) -> None:
         """Bring some particles to their places ``part`` on the device, their releases numbered from ``first_release`` on.
@@ -90,6 +98,9 @@ class Store:
         for place in range(ROWS + 1):
             rows[place] = _values(p, spacing, place)
         wp.copy(self.memory[: ROWS + 1, part], wp.array(rows, dtype=self.memory.dtype))
+        if len(self.pore_left):
+            self.pore_left[part].assign(p.pore_left.astype(dtype))
+            self.pore_excess[part].assign(p.pore_excess.astype(dtype))
         if p.ground_force.any():  # from which contact starts
             self.forces[part].assign(np.column_stack([np.zeros(len(p)), p.ground_force]).astype(dtype))
 
@@ -160,11 +171,13 @@ class Store:
         rec = np.stack([self.rec[row][where].numpy() for row in range(ROWS)]).astype(np.float64)
         m = rec[MASS]
         forces = self.forces[self.number[where].contiguous()].numpy().astype(np.float64)
-        touched = forces[:, :1] == steps & STAMPS
+        touched, number = forces[:, :1] == steps & STAMPS, self.number[where].numpy()
+        excess, left = (a.numpy()[number].astype(np.float64) if len(a) else np.zeros(len(m)) for a in self.pores)
         return Particles(
             node.numpy(), rec[OFFSET : OFFSET + 3].T, (rec[MOMENTUM : MOMENTUM + 3] / m).T, affine.numpy().reshape(-1, 3, 3),
             rec[STRAIN : STRAIN + 6].T, rec[HISTORY], m, rec[VOLUME], self.radius[where].numpy().astype(np.float64),
-            np.where(touched, forces[:, 1:], 0.0), self.release[where].numpy().astype(np.int32), np.zeros(len(m), np.int64),
+            np.where(touched, forces[:, 1:], 0.0), excess, left, self.release[where].numpy().astype(np.int32),
+            np.zeros(len(m), np.int64),
         )  # fmt: skip
 
 

@@ -16,12 +16,14 @@ from typing import Any
 from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
+from runout.backends.hash.pore_pressure import COLUMNS as LAYERS
 from runout.backends.hash.substeps import FIRST
 
 
 def enqueue(parts: Parts, substeps: int = 1) -> None:
     """Launches of a transfer of at most so many ``substeps``."""
     particles_to_grid(parts)
+    measure_layers(parts)
     later = parts.k.later if substeps > 1 else parts.k
     find_contacts(parts)
     move_nodes(parts, parts.k, later)
@@ -47,12 +49,20 @@ def particles_to_grid(parts: Parts) -> None:
         weigh_releases(parts)
 
 
+def measure_layers(parts: Parts) -> None:
+    """The layers in which pore pressure drains, from the mass of the nodes; nothing in a dry batch."""
+    i, n, h = parts.index, parts.nodes, parts.scenes.constants.h
+    if parts.scenes.wet:
+        groups = i.block_group, n.grid_group, n.ground_group, n.pore_group
+        run(parts.k.measure_layers, i.capacity * LAYERS, parts.status.group, *groups, h, int(parts.ground is not None))
+
+
 def strain_in_place(parts: Parts, turn: int) -> None:
     """Law of the particles and momentum of the nodes in substep number ``turn``; without impulses of the ground."""
     i, k, n, scenes, status = parts.index, parts.k.later, parts.nodes, parts.scenes, parts.status.group
     beside = parts.structures.grounded if parts.structures else n.nothing
     groups = parts.store.group, i.block_group, n.grid_group, n.contact_group, scenes.group
-    more = scenes.constants, scenes.materials, beside, turn, i.launched
+    more = scenes.constants, scenes.materials, n.pore_group, beside, turn, i.launched
     run_each(k.strain_in_place, i.launched + 1, CELL_LANES, status, *groups, *more)
     arrays = status, i.block_group, n.grid_group, n.ground_group, n.contact_group
     run(k.resume_nodes, i.capacity * 64, *arrays, scenes.group, turn)
@@ -86,7 +96,7 @@ def move_nodes(parts: Parts, k: Any = None, last: Any = None) -> None:
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
-        run_each(k.solve_contacts, n.places, WARP, *arguments, n.ground_group, parts.scenes.friction, 0)
+        run_each(k.solve_contacts, n.places, WARP, *arguments, n.ground_group, parts.scenes.friction, n.pore_group, 0)
         if parts.ordered:
             run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, 1)
         if parts.ordered and parts.drags_column:
@@ -125,7 +135,7 @@ def touch_structures(parts: Parts, k: Any) -> bool:
     if slowing:
         run(k.slow_nodes, i.capacity * 64, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     for entering in range(2):
-        launches = (k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction,))
+        launches = (k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction, n.pore_group))
         for part, (kernel, more) in enumerate(launches):
             run_each(kernel, s.places, WARP, *arguments, *more, entering)
             if parts.ordered:
@@ -139,7 +149,7 @@ def grid_to_particles(parts: Parts, k: Any = None) -> None:
     i, scenes = parts.index, parts.scenes
     groups = parts.status.group, parts.store.group, i.block_group, parts.nodes.grid_group, scenes.group
     kernel, pieces = (k or parts.k).grid_to_particles, i.launched + i.more_pieces
-    run_blocks(kernel, pieces, CELL_LANES, *groups, scenes.constants, scenes.materials)
+    run_blocks(kernel, pieces, CELL_LANES, *groups, scenes.constants, scenes.materials, parts.nodes.pore_group)
 
 
 def list_cells(parts: Parts) -> None:

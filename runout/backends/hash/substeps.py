@@ -29,6 +29,7 @@ from runout.backends.hash.groups import (
     GridGroup,
     GroundGroup,
     ParticleGroup,
+    PoreGroup,
     SceneGroup,
     StatusGroup,
 )
@@ -58,6 +59,7 @@ from runout.backends.hash.layout import (
     put_node,
 )
 from runout.backends.hash.particles_to_grid import _sum_cell
+from runout.backends.hash.pore_pressure import _drained
 from runout.backends.hash.shared_memory import ROOM
 from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _place_of_begun, _set_bases, _sum_arenas
 from runout.physics.tensors import real
@@ -120,7 +122,7 @@ def _hold_push(held: Tile, place: int, f: Vector, push: Any):
 
 def _strain_some(
     particles: ParticleGroup, contacts: ContactGroup, constants: Constants, mats: Materials, beside: Ints, room: Tile,
-    velocities: Tile, ways: Tile, held: Tile, b: int, begin: int, end: int, lane: int, dt: Any, gone: int,
+    pores: PoreGroup, velocities: Tile, ways: Tile, held: Tile, b: int, begin: int, end: int, lane: int, dt: Any, gone: int,
 ):  # fmt: skip
     """Strain the particles at some places of the list, and hold their impulses; returns the energy [J] that they lose."""
     slopes = _slopes(dt, constants.h)
@@ -134,6 +136,7 @@ def _strain_some(
         p = ahead & NOT_NEGATIVE
         ahead = particles.order[wp.min(n + lane_count(), end - 1)] & NOT_NEGATIVE
         c = particles.key[p] & 63
+        effective = _drained(particles, pores, p, 64 * b + c, dt)
         mat = mats[_release_at(particles, constants, p)]
         come()
         staged = (turn & 1) * (ROOM // 2) + lane
@@ -141,7 +144,7 @@ def _strain_some(
         if n + lane_count() < end:
             stage(room, particles.rec, ahead, turn, lane)
         f, v, way, push, work = _strain_in_place(
-            particles.rec, p, room, staged, velocities, ways, _first_node(c), mat, slopes, of_way, gone
+            particles.rec, p, room, staged, velocities, ways, _first_node(c), mat, slopes, of_way, gone, effective
         )
         _hold_push(held, n - begin, f, push)
         lost += wp.float64(work)
@@ -152,7 +155,7 @@ def _strain_some(
 
 def strain_in_place(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, contacts: ContactGroup, scenes: SceneGroup,
-    constants: Constants, mats: Materials, beside: Ints, turn: int, launched: int,
+    constants: Constants, mats: Materials, pores: PoreGroup, beside: Ints, turn: int, launched: int,
 ):  # fmt: skip
     """Law of the particles in substep number ``turn``, and the impulses of their new stress on the nodes.
 
@@ -184,7 +187,7 @@ def strain_in_place(
             for first in range(blocks.cstart[b, 0], last, MANY):
                 end = wp.min(first + MANY, last)
                 lost += _strain_some(
-                    particles, contacts, constants, mats, beside, room, velocities, ways, held, b, first, end, lane,
+                    particles, contacts, constants, mats, beside, room, pores, velocities, ways, held, b, first, end, lane,
                     scenes.steps[s], turn - FIRST,
                 )  # fmt: skip
                 meet()

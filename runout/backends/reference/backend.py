@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
-from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, slow_columns
+from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, layer_thicknesses, slow_columns
 from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.contact import Contacts
@@ -34,7 +34,9 @@ MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx,
 def compiled_loops(law: Law, friction: FrictionLaw) -> SimpleNamespace:
     """Loops over particles for two laws, float64, without fused operations: bitwise what plain Python gives."""
     binding = numba_binding(np.float64, False)
-    return binding.kernels(loops_source, law_step=binding.law(law).step, impulse=binding.friction(friction).impulse)
+    return binding.kernels(
+        loops_source, law_step=binding.law(law).effective_step, impulse=binding.friction(friction).effective_impulse
+    )
 
 
 def create(threads: int | None = None) -> "ReferenceBackend":
@@ -71,7 +73,7 @@ class ReferenceBackend:
         self.spacing = np.array(scene.spacing, np.float64)
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
         self.loops = compiled_loops(scene.law, scene.basal.law)
-        self.table, self.basal = scene.law.table(scene.materials), scene.basal.table()
+        self.table, self.basal, self.pores = scene.law.table(scene.materials), scene.basal.table(), scene.pore_table()
         self._p = given.take(np.argsort(given.identity, kind="stable"))
         self.particle_volume = given.sums(scene.densities).mean_volume
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
@@ -101,6 +103,7 @@ class ReferenceBackend:
         self.counters.rebuilds += 1
         stencils = Stencils(self._p, self.spacing, self.period)
         mass, velocity = self._particles_to_grid(stencils, dt)
+        thickness = layer_thicknesses(self.scene, self._p, stencils, mass) if self.scene.is_wet else None
         moved, lasting = _Motion.none(len(self._p)), substeps * dt
         on_ground = self._find_ground(stencils, lasting) if self.scene.surface is not None else None
         on_structures = self.structures.find(self._p, lasting) if self.structures else None
@@ -108,6 +111,7 @@ class ReferenceBackend:
             if substep:
                 self._grid_to_particles(stencils, velocity, dt, moved)
                 velocity = self._pushed_nodes(stencils, mass, velocity, dt, moved)
+            self._drain(thickness, dt)
             self.watch(stencils, mass[:, 0], velocity)
             if on_ground:
                 self._touch_ground(on_ground, moved.way, stencils, mass, velocity, dt, first=not substep)
@@ -133,7 +137,11 @@ class ReferenceBackend:
 
     def checkpoint(self) -> State:
         """The state between two steps."""
-        state = arrays_of(self, ("table", "basal"), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
+        state = (
+            arrays_of(self, ("table", "basal", "pores", "_effective"), "own.")
+            | arrays_of(self._p, (), "p.")
+            | arrays_of(self.counters, (), "done.")
+        )
         return state | (self.structures.checkpoint("structures.") if self.structures else {})
 
     def restore(self, scene: Scene, state: State) -> None:
@@ -175,6 +183,12 @@ class ReferenceBackend:
     def lattice_columns(self) -> RasterSums:
         """Sums over the cells of the lattice of footprints."""
         return footprints.lattice_columns(self.scene, self._p, self.particle_volume)
+
+    def _drain(self, thickness: np.ndarray | None, dt: float) -> None:
+        """Drain pore pressure over a substep, and note the shares (n,) of the normal stress that grains carry in its middle."""
+        p, self._effective = self._p, np.ones(len(self._p))
+        if thickness is not None:
+            self.loops.drain(p.pore_excess, p.pore_left, thickness, p.release, self.pores, dt, self._effective)
 
     def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Nodal mass (nodes, 1) [kg], and velocity (nodes, 3) [m/s] as given by particles, with internal force and gravity."""
@@ -227,7 +241,7 @@ class ReferenceBackend:
         chosen, _, _, area, basal = contacts
         p, gap = self._p.take(chosen), contacts.moved(self.loops, way)
         given = self._share * begun_impulses(self.scene, p, dt) if first else dt * p.ground_force
-        solve = partial(self.loops.take_impulses, gap, basal, area, dt)
+        solve = partial(self.loops.take_impulses, gap, basal, area, self._effective[chosen], dt)
         u, impulses, work, compliance = contacts.push(self._p, given, stencils, mass, velocity, solve)
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())
@@ -246,7 +260,7 @@ class ReferenceBackend:
         moved.way[:] += dt * p.velocity
         self.loops.follow_deformation(gradient, moved.deformation)
         self.scene.law.set_step(self.table, dt)
-        self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, work)
+        self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, self._effective, work)
         self._plastic += float(p.volume @ work)
 
     def _move(self, way: np.ndarray, lasting: float) -> None:

@@ -5,10 +5,12 @@ They hold no formula and no addressing. ``law_step`` and ``impulse`` stand for t
 
 from typing import Any
 
-from runout.physics.contact import impulse, in_contact, work
+from runout.physics.contact import effective_impulse as impulse
+from runout.physics.contact import in_contact, work
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.heightfield import distance, upward_normal
-from runout.physics.plastic import step as law_step
+from runout.physics.plastic import effective_step as law_step
+from runout.physics.pore_pressure import effective_share, remaining_share
 from runout.physics.structures import (
     contact_gap,
     entry_velocity,
@@ -22,16 +24,17 @@ from runout.physics.substeps import inverse_deformation, moved_gap, present_grad
 from runout.physics.tensors import dot, sym, tens, vec
 
 
-def follow_law(strain: Any, gradient: Any, history: Any, release: Any, table: Any, dissipated: Any):
+def follow_law(strain: Any, gradient: Any, history: Any, release: Any, table: Any, effective: Any, dissipated: Any):
     """Advance ``strain`` (n, 6) and ``history`` (n,) by the law and the velocity gradient times dt (n, 9) [1].
 
-    Writes the ``dissipated`` energy (n,) [J/m3].
+    ``effective`` (n,) [1] is the share of the mean stress that grains carry. Writes the ``dissipated`` energy (n,) [J/m3].
     """
     for p in range(len(strain)):
         B = strain[p]
         L = gradient[p]
         rate = tens(L[0], L[1], L[2], L[3], L[4], L[5], L[6], L[7], L[8])
-        new, _, left, lost = law_step(sym(B[0], B[1], B[2], B[3], B[4], B[5]), rate, history[p], table[release[p]])
+        trial = sym(B[0], B[1], B[2], B[3], B[4], B[5])
+        new, _, left, lost = law_step(trial, rate, history[p], table[release[p]], effective[p])
         history[p] = left
         dissipated[p] = lost
         for k in range(6):
@@ -100,16 +103,32 @@ def find_contacts(velocity: Any, radius: Any, dt: Any, band: Any, gap: Any, norm
             normal[p, k] = n[k]
 
 
-def take_impulses(gap: Any, basal: Any, area: Any, dt: Any, v: Any, u: Any, normal: Any, compliance: Any, impulses: Any, done: Any):
+def drain(excess: Any, left: Any, thickness: Any, release: Any, pores: Any, dt: Any, effective: Any):
+    """Advance the part that is ``left`` (n,) of the excess pore pressure in layers of a ``thickness`` (n,) [m] by ``dt`` [s].
+
+    Writes the ``effective`` shares (n,) [1] in the middle of this time. ``pores`` are records.
+    """
+    for p in range(len(left)):
+        pore = pores[release[p]]
+        share = remaining_share(thickness[p], 0.5 * dt, pore)
+        effective[p] = effective_share(excess[p], share * left[p], pore)
+        left[p] = share * share * left[p]
+
+
+def take_impulses(
+    gap: Any, basal: Any, area: Any, effective: Any, dt: Any, v: Any, u: Any, normal: Any, compliance: Any, impulses: Any,
+    done: Any,
+):  # fmt: skip
     """``impulses`` (n, 3) [N s] of a surface on contact particles, and the work ``done`` (n,) [J] by them.
 
     ``impulses`` come in as those that ``u`` contains. ``v`` (n, 3) [m/s]: before the step; ``u`` (n, 3): what the grid gives.
-    ``basal`` (n,): records of friction; ``area`` (n,) [m2]: of the ground below.
+    ``basal`` (n,): records of friction; ``area`` (n,) [m2]: of the ground below; ``effective`` (n,) [1]: share of the normal
+    impulse that grains carry.
     """
     for p in range(len(u)):
         n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
         given = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])
-        push = impulse(felt, n, gap[p], compliance[p], basal[p], dt, given, area[p])
+        push = impulse(felt, n, gap[p], compliance[p], basal[p], dt, given, area[p], effective[p])
         done[p] = work(push, given, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]

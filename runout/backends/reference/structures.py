@@ -59,7 +59,7 @@ class StructureContacts:
             return
         moved, gap = contacts.moved(self.loops, way), np.zeros(len(patch))
         self.loops.gaps_of(moved, p.radius[contacts.chosen], gap)
-        solve = partial(self.loops.take_impulses, gap, contacts.basal, contacts.area, dt)
+        solve = partial(self.loops.take_impulses, gap, contacts.basal, contacts.area, np.ones(len(gap)), dt)
         _, impulses, work, _ = contacts.push(p, given, stencils, mass, velocity, solve)
         self.force[rows] = impulses / dt
         self._book(patch, impulses, work)

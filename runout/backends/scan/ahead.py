@@ -10,7 +10,7 @@ from typing import Any
 from runout.backends.compile import cache_root
 from runout.backends.scan.kernels import sources_of
 from runout.backends.scan.precompile import ensure_compiled
-from runout.backends.scan.warm_up import side_wall, small_slope
+from runout.backends.scan.warm_up import WET, side_wall, small_slope
 from runout.model.basal_friction import BasalFriction
 from runout.model.materials import Material
 from runout.model.scene import Scene
@@ -32,19 +32,23 @@ class CompilingAhead:
         Those of :meth:`runout.model.numerics.Scheme.of_kernels`.
     zones : bool
         Whether the run has friction zones.
-    structures : bool
-        Whether the run has structures.
+    structures, wet : bool
+        Whether the run has structures, and pore pressure.
     marked : callable, optional
         Called with the file that marks the kernels as compiled, when it is there.
     """
 
     def __init__(
         self, materials: tuple[Material, ...], friction: BasalFriction, choices: dict[str, Any], *, zones: bool,
-        structures: bool = False, marked: Callable[[Path], None] | None = None,
+        structures: bool = False, wet: bool = False, marked: Callable[[Path], None] | None = None,
     ):  # fmt: skip
         slope = small_slope(materials, friction, choices["precision"])[0]
-        more = {"friction_zones": slope.friction_zones if zones else None, "structures": side_wall() if structures else None}
-        scene = replace(slope, **more, **choices)  # type: ignore[arg-type]
+        more: dict[str, Any] = {
+            "friction_zones": slope.friction_zones if zones else None,
+            "structures": side_wall() if structures else None,
+        }
+        more["pore_pressure"] = (WET,) * len(materials) if wet else ()
+        scene = replace(slope, **more, **choices)
         self.before = _stored()
         self.thread = threading.Thread(target=_compile, args=(scene, sources_of(scene), marked), daemon=True)
         self.thread.start()

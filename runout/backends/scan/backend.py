@@ -114,7 +114,7 @@ class ScanBackend:
         self.store = Store.of(capacity(end), end, n, self.scene)
         for part, chunk in slices(particles):
             self.store.put(rank[part], slot, chunk, self.scene)
-        self.store.share_radius()
+        self.store.share_numbers()
         self._rebuild(found)
         self.k.mark_slots(self.store.particles, self.index.blocks)
 
@@ -179,6 +179,7 @@ class ScanBackend:
             self._close_gaps()
         clock("index")
         self._to_grid(dt, substeps)
+        grid.drain(self.k, s, self.index.blocks, self.workspace, self.tables, self.scene)
         clock("p2g")
         self._solve_contacts(time_ahead(substeps * dt, dt))
         if self.structures:
@@ -289,7 +290,7 @@ class ScanBackend:
         columns = w.columns if self.scene.basal.law.drags_column else ()
         speed2, step, lost, refused, self.totals.moved = last(
             self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, columns, w.moves,
-            t.domain, t.step, self.workers.buffers,
+            t.domain, grid.wet_step(self.store, t, w), self.workers.buffers,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(

@@ -35,6 +35,8 @@ class Tables:
         What mass in flight takes of them.
     particle_volume : float
         Mean volume of a particle [m3].
+    pores : (releases,) record
+        Records of pore pressure.
     """
 
     constants: Constants
@@ -46,6 +48,7 @@ class Tables:
     basal: np.ndarray
     free_drag: FreeDrag
     particle_volume: float
+    pores: np.ndarray
 
     @classmethod
     def of(cls, scene: Scene, particle_volume: float, corner: np.ndarray) -> "Tables":
@@ -61,7 +64,8 @@ class Tables:
         mats = scene.law.table(scene.materials, real)
         moduli = np.stack([mats[name] for name in MODULI], axis=1)
         step, domain = TimeStep(mats, real(0), none, none), domain_of(scene, corner)
-        return cls(constants, step, moduli, 0.0, domain, zones, basal, _free_drag(scene, basal), particle_volume)
+        drag, pores = _free_drag(scene, basal), scene.pore_table(real)
+        return cls(constants, step, moduli, 0.0, domain, zones, basal, drag, particle_volume, pores)
 
     def set_step(self, scene: Scene, dt: float) -> Any:
         """Set the constants of steps of ``dt`` [s]; returns by how much longer [s] the step is with which records are packed."""

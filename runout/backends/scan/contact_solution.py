@@ -20,6 +20,7 @@ from runout.backends.lanes import in_double, load4, load16, local_array, record_
 from runout.backends.scan.contact_area import _area, _load_plan, local_plan
 from runout.backends.scan.contact_detection import BEFORE, FRICTION, GAP, NORMAL
 from runout.backends.scan.particles_to_grid import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
+from runout.backends.scan.pore_pressure import _share_of_contacts
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
@@ -41,14 +42,16 @@ from runout.backends.scan.stencil import (
     second_group,
     weights_of_z,
 )
-from runout.physics.contact import column_drag, impulse, work
+from runout.physics.contact import column_drag, effective_impulse, impulse, work
 from runout.physics.tensors import real, vec
 
-ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these four
+ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these five
+WET = False  # whether particles have pore pressure
 USES_AREA = False  # whether the law of friction uses ground areas
 DRAGS_COLUMN = False  # whether drag slows whole columns (column_drag.py)
 record = None  # makes a record of the numbers of a law of friction
 local_columns = local_array((4, 16))
+local_effective = local_array((16,))
 load_felt, store_felt = record_vectors(4)
 load_4_rows, store_4_rows = row_vectors(4, 16)
 
@@ -91,8 +94,11 @@ def _basal(number, table):
     return table[np.int64(number)]
 
 
-def _push(t, begun, measured, table, columns, g, dt):
-    """Replace what 16 contacts feel by drag and change of the impulse, and area and impulses ``begun`` by work and impulse."""
+def _push(t, begun, measured, table, columns, effective, g, dt):
+    """Replace what 16 contacts feel by drag and change of the impulse, and area and impulses ``begun`` by work and impulse.
+
+    ``effective`` (16,) is the share of their normal impulses that grains carry.
+    """
     for q in range(np.uint64(16)):
         compliance = t[0, q]
         u = vec(t[1, q], t[2, q], t[3, q])
@@ -100,7 +106,10 @@ def _push(t, begun, measured, table, columns, g, dt):
         before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
         given = vec(begun[1, q], begun[2, q], begun[3, q])
         basal = _basal(measured[g, FRICTION, q], table)
-        push = impulse(u, normal, measured[g, GAP, q], compliance, basal, dt, given, begun[0, q])
+        if WET:
+            push = effective_impulse(u, normal, measured[g, GAP, q], compliance, basal, dt, given, begun[0, q], effective[q])
+        else:
+            push = impulse(u, normal, measured[g, GAP, q], compliance, basal, dt, given, begun[0, q])
         t[0, q] = real(0.0)
         if DRAGS_COLUMN:
             t[0, q] = column_drag(push, u, normal, begun[0, q], compliance, columns.gravity, dt, basal)
@@ -149,8 +158,9 @@ def _total_ground(work, touching, nown, total):
                 total[k] += work[b, k]
 
 
-def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
+def _solve_strip(particles, blocks, contacts, columns, basal, pores, grid, dt, low, end, count):
     """Work and impulse of the ``count`` contacts of the owners ``low`` to ``end``, in ``given``; in ``felt`` their changes."""
+    up = blocks.up
     rows, felt, given, touching, pressed = contacts.rows, contacts.felt, contacts.given, contacts.touching, contacts.pressed
     plan = local_plan(rows)
     nodes = local_nodes(rows)
@@ -169,18 +179,24 @@ def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
             _meet_grid(contacts, ready, nodes, plan, columns, contacts.place[b], touching[b])
     t = local_columns(rows)
     begun = local_columns(rows)
+    effective = local_effective(rows)
+    block, number = low, np.int64(0)
     for g in range(row >> 4, (row + count + 15) >> 4):
         store_4_rows(t, 0, load_felt(felt, 64 * g))
         store_4_rows(begun, 0, load_felt(given, 64 * g))
-        _push(t, begun, contacts.measured, basal, columns, g, dt)
+        if WET:
+            some = min(row + count - 16 * g, 16)
+            block, number = _share_of_contacts(effective, particles, blocks, contacts, pores, block, number, some)
+        _push(t, begun, contacts.measured, basal, columns, effective, g, dt)
         store_felt(felt, 64 * g, load_4_rows(t, 0))
         store_felt(given, 64 * g, load_4_rows(begun, 0))
 
 
-def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal, grid, dt, stamp, total):
+def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal, pores, grid, dt, stamp, total):
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
-    ``basal`` are the records of friction, ``columns`` the columns of nodes that areas come from. ``particles.force`` gets the
+    ``basal`` are the records of friction, ``columns`` the columns of nodes that areas come from, ``pores`` the pore pressure of the
+    particles. ``particles.force`` gets the
     ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of each block, ``total`` their
     sums. A node that is due is read by no later strip, since each block that
     reads it also adds to it.
@@ -198,7 +214,7 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal
             for b in range(low, end):
                 count += touching[b]
             if count > 0:
-                _solve_strip(contacts, columns, basal, grid.nodes, blocks.up, dt, low, end, count)
+                _solve_strip(particles, blocks, contacts, columns, basal, pores, grid.nodes, dt, low, end, count)
                 ready = local_weights(rows)
                 _weigh_four(rows, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
                 for b in range(low, end):

@@ -17,7 +17,8 @@ from typing import Any
 
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.contact_detection import _rows_of_thread, _shares_of_thread
-from runout.backends.scan.groups import Blocks, Buffers, ContactSearch, Pass
+from runout.backends.scan.groups import Blocks, Buffers, ContactSearch, Pass, TimeStep
+from runout.backends.scan.pore_pressure import Pores
 from runout.backends.scan.state import PADDING, Store, stamp_of
 from runout.backends.scan.totals import Totals
 from runout.backends.scan.workspace import Workspace
@@ -97,14 +98,34 @@ def substep(
     def run(schedule: Pass) -> float:
         w, dv = workspace, tables.constants.dv
         return float(k.substep(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, tables.step, buffers,
-            w.moves.motion, first,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, wet_step(store, tables, w),
+            buffers, w.moves.motion, first,
         ))  # fmt: skip
 
     dissipated = run(workspace.schedule.early)
     if workspace.schedule.waits:
         run(workspace.schedule.late)
     return dissipated
+
+
+def drain(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, scene: Scene) -> None:
+    """Find how fast pore pressure drains in this transfer, from the mass of the nodes; nothing in a dry scene."""
+    w, c = workspace, tables.constants
+    if w.layers:
+        over_ground = scene.surface is not None
+        k.thin_layers(blocks, w.arenas.reached, w.grid, w.ground.tiles, over_ground, w.layers, tables.pores, c, tables.step.dt)
+
+
+def pores_of(store: Store, tables: Tables, workspace: Workspace) -> Pores | tuple[()]:
+    """Pore pressure of the particles as kernels take it; empty in a dry scene."""
+    if not workspace.layers or store.pore_left is None or store.pore_excess is None:
+        return ()
+    return Pores(store.pore_left, store.pore_excess, tables.pores, workspace.layers.fading)
+
+
+def wet_step(store: Store, tables: Tables, workspace: Workspace) -> TimeStep:
+    """What follows from the time step, with the pore pressure of the particles."""
+    return tables.step._replace(pores=pores_of(store, tables, workspace))
 
 
 def push(
@@ -114,8 +135,8 @@ def push(
     w = workspace
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, w.grid, tables.step.dt,
-            stamp, w.total,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, pores_of(store, tables, w), w.grid,
+            tables.step.dt, stamp, w.total,
         )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])
     totals.basal_impulse += w.total[1:4]

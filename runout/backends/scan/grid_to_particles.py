@@ -27,6 +27,7 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.column_drag import _add_changes
 from runout.backends.scan.domain import _lies_in_domain
+from runout.backends.scan.pore_pressure import Pores, _drain_tile
 from runout.backends.scan.stencil import (
     AHEAD,
     EVERY,
@@ -46,6 +47,7 @@ from runout.backends.scan.stencil import (
 from runout.backends.scan.tile import (
     ALIVE,
     CODE,
+    EFFECTIVE,
     LARGE,
     LOST,
     MOVE,
@@ -78,6 +80,7 @@ OUTSIDE = 32  # added to a destination out of the domain
 ONE_MATERIAL = True
 SEVERAL = False  # whether the transfer has several substeps (substep.py)
 LASTS = False  # whether it goes on after this one
+WET = False  # whether particles have pore pressure
 CHANGES = False  # whether columns of nodes change their velocity here (column_drag.py)
 stays = constant([float(STAYS)] * 16)
 halves = constant([0.5] * 16)
@@ -177,7 +180,10 @@ def _follow_tile(t, particle_index, label, first, count, mats, s, cells):
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
             mat = mats[label[particle_index[first + p], 0]]
-        B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
+        if WET:
+            B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat, t[EFFECTIVE, p])
+        else:
+            B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
         t[LARGE, p] = real(0.0) if is_small(size) else t[ALIVE, p]
         _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
@@ -189,7 +195,10 @@ def _follow_large(t, r, state, p, mat, s, cells):
         t[k, p] = r[k]
     for k in range(8):
         t[16 + k, p] = state[k]
-    B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
+    if WET:
+        B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat, t[EFFECTIVE, p])
+    else:
+        B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
     _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
 
@@ -347,6 +356,8 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
     """
     rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
     mats, s, cells = step.mats, step.slopes, step.cells
+    if WET:
+        pore_left, excess, pore_records, fading = step.pores.left, step.pores.excess, step.pores.records, step.pores.fading
     leaving = moves.leaving
     shifted = moves.shifted
     changed = moves.changed
@@ -382,6 +393,9 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
                     _load_sums(t, rec, f + k, groups)
                 else:
                     _load_tile(t, records, k, states, k, groups)
+                if WET:
+                    pores = Pores(pore_left, excess, pore_records, fading)
+                    _drain_tile(t, particles, pores, np.int64(b), f + k, count)
                 _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
                 before = state if SEVERAL else states
                 _follow_all_large(t, records, before, k, particles, f + k, groups, mats, s, cells)

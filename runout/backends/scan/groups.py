@@ -310,12 +310,15 @@ class TimeStep(NamedTuple):
         [s]
     slopes, cells : (3,) tuple of real
         4 dt / h [s/m]; dt / h [s/m].
+    pores : runout.backends.scan.pore_pressure.Pores or ()
+        Pore pressure of the particles; set where kernels are called.
     """
 
     mats: np.ndarray
     dt: Any
     slopes: tuple[Any, Any, Any]
     cells: tuple[Any, Any, Any]
+    pores: Any = ()
 
 
 class Zones(NamedTuple):

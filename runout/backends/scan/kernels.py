@@ -20,6 +20,7 @@ from runout.backends.scan import (
     node_columns,
     observe,
     particles_to_grid,
+    pore_pressure,
     precompile,
     raster_sums,
     records,
@@ -65,15 +66,26 @@ CONTACT = (
     contact_detection,
     contact_area,
     column_drag,
+    pore_pressure,
     contact_solution,
 )
-MOTION = (groups, node_columns, stencil, column_drag, domain, tile, grid_to_particles)  # follow a law of materials
-BY_SUBSTEPS = (groups, node_columns, stencil, particles_to_grid, tile, grid_to_particles, substep)  # for all substeps but the last
+MOTION = (groups, node_columns, stencil, column_drag, domain, tile, pore_pressure, grid_to_particles)  # follow a law of materials
+BY_SUBSTEPS = (
+    groups,
+    node_columns,
+    stencil,
+    particles_to_grid,
+    tile,
+    pore_pressure,
+    grid_to_particles,
+    substep,
+)  # for all substeps but the last
 # kernels of contact that follow the law: the second for laws that sum columns of nodes, the third for those that slow them
 OF_FRICTION = ("solve_contacts", "particles_to_nodes_over_ground", "slow_columns")
 LANES = (vectors, shuffles, memory)
+BY_PORES = (groups, stencil, particles_to_grid, tile, pore_pressure)
 BY_STRUCTURES = (structure_groups, structure_detection, structure_solution)
-BY_LAWS = (contact_solution, domain, tile, grid_to_particles, substep)
+BY_LAWS = (contact_solution, domain, tile, pore_pressure, grid_to_particles, substep)
 SOURCES = (*PHYSICS, *COMMON, *BY_LAWS, *LANES, precompile, resting_loops, records)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}
@@ -138,6 +150,8 @@ def _bound(scene: Scene) -> SimpleNamespace:
     law, friction = binding.law(scene.law), binding.friction(scene.basal.law)
     of_contact = {
         "impulse": friction.impulse,
+        "effective_impulse": friction.effective_impulse,
+        "WET": scene.is_wet,
         "column_drag": friction.column_drag,
         "free_column_drag": friction.free_column_drag,
         "record": friction.record,
@@ -149,15 +163,17 @@ def _bound(scene: Scene) -> SimpleNamespace:
     used = 1 + scene.basal.law.uses_area + scene.basal.law.drags_column
     own_of_contact = {name: contact[name] for name in OF_FRICTION[:used]}
     names = {
-        "law_update": law.step,
-        "law_update_small": law.step_small,
+        "law_update": law.effective_step if scene.is_wet else law.step,
+        "law_update_small": law.effective_step_small if scene.is_wet else law.step_small,
+        "WET": scene.is_wet,
         "ONE_MATERIAL": len(scene.materials) == 1,
         "CHANGES": scene.basal.law.drags_column and not reads_nodes(scene),
     }
     own = binding.kernels(*MOTION, sources=LANES, **names)
     structures = _of_structures(binding) if scene.structures else SimpleNamespace()
+    wet = binding.kernels(*BY_PORES, sources=LANES) if scene.is_wet else SimpleNamespace()
     several = _of_substeps(binding, {**names, "DRAGS_COLUMN": of_contact["DRAGS_COLUMN"]}) if scene.substeps > 1 else {}
-    return SimpleNamespace(**(vars(own) | vars(common) | vars(structures) | own_of_contact | several))
+    return SimpleNamespace(**(vars(own) | vars(common) | vars(structures) | vars(wet) | own_of_contact | several))
 
 
 def _of_substeps(binding: NumbaBinding, names: dict[str, Any]) -> dict[str, Any]:

@@ -52,9 +52,9 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> Path | Non
 
 
 def variant(scene: Scene) -> str:
-    """What a scene has that some kernels are for: no ground, friction zones, structures, substeps; "plain" without any."""
+    """What a scene has that some kernels are for: no ground, zones, structures, substeps, pore pressure; "plain" without any."""
     more = {"free": scene.surface is None, "zones": scene.friction_zones, "structures": scene.structures}
-    more["substeps"] = scene.substeps > 1
+    more |= {"substeps": scene.substeps > 1, "wet": scene.is_wet}
     return " ".join(("plain", *(name for name, has in more.items() if has)))
 
 

@@ -7,7 +7,7 @@ A block owns a range of slots, in which its particles lie in any order.
     state     B - I (6)  |  history  |  volume                                                      half a cache line
     particle_index, cell, order, listed: one number a slot
 
-    by particle_index, which never moves:  force: stamp | f (3)     radius     label: release | identity
+    by particle_index, which never moves:  force: stamp | f (3)     radius     label: release | identity     pore pressure
 """
 
 from dataclasses import dataclass
@@ -61,6 +61,8 @@ class Store:
         Step in which the gaps were closed, and ``end`` then.
     largest_radius : float
         [m]
+    pore_left, pore_excess : (particles,), or None
+        Pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene.
     """
 
     particles: groups.Particles
@@ -73,6 +75,8 @@ class Store:
     closed_at: int
     closed_end: int
     largest_radius: float
+    pore_left: np.ndarray | None = None
+    pore_excess: np.ndarray | None = None
 
     @classmethod
     def of(cls, slots: int, end: int, n: int, scene: Scene) -> "Store":
@@ -81,20 +85,25 @@ class Store:
         particles = empty_slots(slots, scene)._replace(
             force=_zeros(n, 4, scene.dtype), radius=radius, label=np.zeros((n, 2), np.int32)
         )
-        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0)
+        pores = (np.zeros(n, scene.dtype), np.zeros(n, scene.dtype)) if scene.is_wet else (None, None)
+        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0, *pores)
 
     def put(self, particle_index: np.ndarray, slots: np.ndarray, p: Particles, scene: Scene) -> None:
         """Put particles with some indices (m,) into the ``slots`` of all; the records hold no stress yet (time step 0)."""
         names = "release", "identity", "mass", "volume", "radius", "offset", "strain"
         radius = _loops().put_particles(self.particles, particle_index, slots, *(_plain(p, name) for name in names))
         self.largest_radius = max(self.largest_radius, radius)
+        if self.pore_left is not None and self.pore_excess is not None:
+            self.pore_left[particle_index], self.pore_excess[particle_index] = p.pore_left, p.pore_excess
         if not p.rests:
             moving = (_plain(p, name) for name in ("mass", "offset", "velocity", "affine", "history", "ground_force"))
             _loops().set_in_motion(self.particles, particle_index, slots, *moving, scene.spacing)
 
-    def share_radius(self) -> None:
-        """Once all particles are there: one number for all radii if they are the same."""
+    def share_numbers(self) -> None:
+        """Once all particles are there: one number for all radii if they are the same, and for all excess pressures."""
         self.particles = self.particles._replace(radius=_one_for_all(self.radius))
+        if self.pore_excess is not None:
+            self.pore_excess = _one_for_all(self.pore_excess).copy()
 
     @property
     def slots(self) -> int:
@@ -118,7 +127,9 @@ class Store:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes)
+        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess}
+        pores = {name: values for name, values in own.items() if values is not None}
+        return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes, **pores)
 
 
 def empty_slots(slots: int, scene: Scene) -> groups.Particles:

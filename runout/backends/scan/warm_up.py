@@ -22,6 +22,7 @@ from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
+from runout.model.pore_pressure import PorePressure
 from runout.model.release import Release
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Patches, StructureField
@@ -34,6 +35,7 @@ CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
 SUBSTEPS = 3  # of the scenes that have several; every other transfer has one
 COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: the compiler makes many objects and few cycles
+WET = PorePressure(ratio=0.5, decay_time=1.0)
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
 
@@ -48,7 +50,9 @@ def _job() -> tuple[Scene, Particles, str, Path]:
     scene, particles = small_slope(materials, friction, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
     substeps = SUBSTEPS if "substeps" in kind else 1
-    return replace(scene, friction_zones=zones, structures=structures, substeps=substeps), particles, kind, Path(folder)
+    pores = (WET,) * len(materials) if "wet" in kind else ()
+    scene = replace(scene, friction_zones=zones, structures=structures, substeps=substeps, pore_pressure=pores)
+    return scene, particles, kind, Path(folder)
 
 
 def warm_up() -> None:

@@ -5,6 +5,7 @@ The groups of arrays are those of :mod:`runout.backends.scan.groups`.
     arenas, contacts, ground, moves    by owner block
     grid                               by node block
     columns                            by node block and block column, as far as the law of friction uses columns of nodes
+    layers                             by node block and block column, where a mass has pore pressure
     sums[b], total                     sums over the particles of block b, and over all blocks
 """
 
@@ -18,6 +19,7 @@ from runout.backends.scan.domain import blocks_at_edge
 from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves
 from runout.backends.scan.node_columns import NodeColumns, node_columns_of
 from runout.backends.scan.particles_to_grid import SHARES
+from runout.backends.scan.pore_pressure import Layers, layers_of
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import PADDING, _zeros, bytes_of
 from runout.backends.scan.stencil import ARENA
@@ -38,6 +40,7 @@ class Workspace:
     sums, total : (nown, 7), (7,)
         What :mod:`runout.backends.scan.observe` adds up, by block and in all.
     columns : NodeColumns or ()
+    layers : Layers or ()
     """
 
     schedule: Schedule
@@ -49,6 +52,7 @@ class Workspace:
     sums: np.ndarray
     total: np.ndarray
     columns: NodeColumns | tuple[()]
+    layers: Layers | tuple[()]
 
     @classmethod
     def of(cls, blocks: Blocks, schedule: Schedule, scene: Scene, domain: Domain, former: Contacts | None = None) -> "Workspace":
@@ -78,6 +82,7 @@ class Workspace:
             ground=Ground(np.empty((n, 36), real), np.empty((n, 48), real), np.empty((n, 2), real)),
             moves=Moves(count(), count(), count(), count(), count(), blocks_at_edge(domain, blocks.bxyz[:n]), np.zeros((n, 4))),
             sums=np.zeros((n, SUMS)), total=np.zeros(SUMS), columns=node_columns_of(blocks, scene),
+            layers=layers_of(blocks, scene),
         )  # fmt: skip
 
     def make_arenas(self, wanted: int) -> None:
@@ -98,7 +103,7 @@ class Workspace:
     def memory(self, blocks: Blocks) -> dict[str, int]:
         """Bytes by array, with those of the index."""
         parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves]
-        parts += [self.columns] if self.columns else []
+        parts += [part for part in (self.columns, self.layers) if part]
         rest = {"sums": self.sums, "total": self.total, **vars(self.schedule)}
         return bytes_of(blocks, *parts, **rest)
 

@@ -1,0 +1,182 @@
+"""Pore pressure of the particles (:mod:`runout.physics.pore_pressure`), in scenes where a mass has any.
+
+    grid.nodes, grid.inverse     mass of the nodes            --sum over the blocks of a column-->
+    layers.areal[c, 16]          mass by area in plan of 16 columns of nodes of block column c
+      --slopes of the ground, middle column of each column of cells-->
+    layers.fading[b, r, 16]      share of the excess that is left after half a step, for release r in 16 columns of cells of block b
+    pores.left, pores.excess     by particle, which never moves: the part that remains; the excess at the start, one number if alike
+      --fading-->
+    share of the normal stress that grains carry, in the middle of a step: in contacts, and in the row EFFECTIVE of a tile
+
+A particle takes the layer at the middle one of the columns of nodes around it. The part that remains is advanced where the law of
+the particle is followed, at the end of each substep.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from runout.backends.lanes import lane_sum, load4, load16, select
+from runout.backends.scan.groups import Blocks
+from runout.backends.scan.particles_to_grid import PLAN, four_ones, four_zeros, heads
+from runout.backends.scan.tile import EFFECTIVE
+from runout.model.scene import Scene
+from runout.physics.heightfield import surface_at
+from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
+from runout.physics.tensors import real
+
+
+class Pores(NamedTuple):
+    """Pore pressure of particles.
+
+    Attributes
+    ----------
+    left : (n,) real
+        The part of the excess that remains [1].
+    excess : (n,) or (1,) real
+        Ratio at the start over the one that stays [1]; one number where all particles have the same.
+    records : (releases,) record
+        Numbers of each release.
+    fading : (nown, releases, 16) real
+        Share of the excess that is left after half a step [1].
+    """
+
+    left: np.ndarray
+    excess: np.ndarray
+    records: np.ndarray
+    fading: np.ndarray
+
+
+class Layers(NamedTuple):
+    """Layers of the flow, by block column.
+
+    Attributes
+    ----------
+    of_block : (nall,) int32
+        Block column of each node block.
+    start, parts : (columns + 1,) int64, (nall,) int32
+        Node blocks column by column, and where those of each column begin.
+    areal : (columns, 16) real
+        Mass by area in plan of each column of nodes [kg/m2].
+    fading : (nown, releases, 16) real
+        As of :class:`Pores`.
+    """
+
+    of_block: np.ndarray
+    start: np.ndarray
+    parts: np.ndarray
+    areal: np.ndarray
+    fading: np.ndarray
+
+
+def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
+    """The layers of an index; empty for a dry scene."""
+    if not scene.is_wet:
+        return ()
+    _, column = np.unique(blocks.bxyz[: blocks.nall, :2], axis=0, return_inverse=True)
+    column = column.ravel().astype(np.int32)
+    order = np.argsort(column, kind="stable").astype(np.int32)
+    start = np.searchsorted(column[order], np.arange(column.max(initial=-1) + 2))
+    areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((blocks.nown, len(scene.materials), PLAN))
+    return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype))
+
+
+def _is_reached(reached, down, b):
+    """Whether the particles of any block reach node block ``b``; its nodes are those of an earlier step otherwise."""
+    found = False
+    for q in range(8):
+        owner = np.int64(down[b, q])
+        if owner >= 0:
+            found = found or (np.int64(reached[owner]) >> q) & 1 > 0
+    return found
+
+
+def _mass_of_column(grid, b, n):
+    """Mass [kg] of the four nodes above each other in column ``n`` of a node block."""
+    if grid.shared[b]:
+        one_over = load4(grid.inverse, 64 * b + 4 * n)
+        filled = one_over > four_zeros(one_over)
+        one = four_ones(one_over)
+        return lane_sum(select(filled, one / select(filled, one_over, one), four_zeros(one_over)))
+    return lane_sum(heads(load16(grid.nodes, 256 * b + 16 * n)))
+
+
+def _slopes_of_cell(tiles, b, c, east, north):
+    """Slopes [1] of the ground at the middle node above column ``c`` of the cells of block ``b``; east, north = dz/dx, dz/dy."""
+    o = 6 * (c >> 2) + (c & 3)
+    t = tiles[b]
+    nine = (t[o], t[o + 1], t[o + 2], t[o + 6], t[o + 7], t[o + 8], t[o + 12], t[o + 13], t[o + 14])
+    e = surface_at(nine, real(1.0), real(1.0))
+    return e[1] * east, e[2] * north
+
+
+def _areal_mass(layers, up, b, c):
+    """Mass by area [kg/m2] of the middle column of nodes above column ``c`` of the cells of block ``b``."""
+    x = (c >> 2) + 1
+    y = (c & 3) + 1
+    column = np.int64(layers.of_block[up[b, 4 * (x >> 2) + 2 * (y >> 2)]])
+    return layers.areal[column, 4 * (x & 3) + (y & 3)]
+
+
+def thin_layers(blocks, reached, grid, tiles, over_ground, layers, records, constants, dt):
+    """Find how much of the excess pressure is left after half a step of ``dt`` [s] in all columns of cells.
+
+    ``tiles`` are those of the ground, if the scene is ``over_ground``.
+    """
+    areal, fading, start, parts = layers.areal, layers.fading, layers.start, layers.parts
+    h = constants.h
+    area = h[0] * h[1]
+    for k in prange(len(areal)):
+        for n in range(PLAN):
+            areal[k, n] = real(0.0)
+        for e in range(start[k], start[k + 1]):
+            b = np.int64(parts[e])
+            if _is_reached(reached, blocks.down, b):
+                for n in range(PLAN):
+                    areal[k, n] += _mass_of_column(grid, b, n) / area
+    for b in prange(blocks.nown):
+        if blocks.held[b] > 0:
+            for c in range(PLAN):
+                east, north = real(0.0), real(0.0)
+                if over_ground:
+                    east, north = _slopes_of_cell(tiles, np.int64(b), c, h[2] / h[0], h[2] / h[1])
+                mass = _areal_mass(layers, blocks.up, b, c)
+                for r in range(len(records)):
+                    thickness = layer_thickness(mass, real(1.0), real(constants.density[r]), east, north)
+                    fading[b, r, c] = remaining_share(thickness, real(0.5) * dt, records[r])
+
+
+def _effective(pores, label, w, b, cell):
+    """Share of the normal stress that the grains of particle ``w``, in a cell of block ``b``, carry in the middle of the step."""
+    r = np.int64(label[w, 0]) if len(pores.records) > 1 else 0
+    excess = pores.excess[w] if len(pores.excess) > 1 else pores.excess[0]
+    share = pores.fading[b, r, (np.int64(cell) & 63) >> 2]
+    return effective_share(excess, share * pores.left[w], pores.records[r]), share
+
+
+def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
+    """The same for ``n`` contacts from number ``q`` of block ``b`` on; returns block and number of the next one."""
+    listed, first, touching = particles.listed, blocks.first, contacts.touching
+    for k in range(n):
+        while q == touching[b]:
+            b += 1
+            q = 0
+        p = np.int64(listed[first[b] + q])
+        w = np.int64(particles.particle_index[p])
+        effective[k], _ = _effective(pores, particles.label, w, b, particles.cell[p])
+        q += 1
+    for k in range(n, 16):
+        effective[k] = real(1.0)
+    return b, q
+
+
+def _drain_tile(t, particles, pores, b, first, count):
+    """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
+    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
+    for p in range(count):
+        w = np.int64(particle_index[first + p])
+        t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
+        left[w] = share * share * left[w]
+    for p in range(count, (count + 15) & ~15):
+        t[EFFECTIVE, p] = real(1.0)

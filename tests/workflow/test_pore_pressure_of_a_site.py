@@ -1,0 +1,174 @@
+"""Pore pressure in site.yaml and Python: settings, samples, rasters and blocks, checks and refusals, forecasts, a run."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ramp_site import SITE, slab, write_raster, write_site
+
+import runout
+from runout import PorePressure
+from runout.config.parameter_variables import parameter_variable
+from runout.errors import ConfigError, InputError, ReleaseError
+from runout.forecast.memory import expected_extent, pore_bytes
+from runout.forecast.stiffness import chosen_moduli
+from runout.model.numerics import Numerics
+from runout.simulation.scenario import build_scene
+from runout.workflow.check import inspect
+from runout.workflow.check_physics import least_friction
+
+PLACED = "    placement: on_surface\n"
+SAMPLED = "    basal_friction_angle_deg: {distribution: uniform, low: 12, high: 22}\n"
+
+
+def with_pores(stated, sampled=""):
+    return SITE.replace(PLACED, f"{PLACED}    pore_pressure: {stated}\n").replace(SAMPLED, SAMPLED + sampled)
+
+
+NUMBER = with_pores(
+    "{ratio: 0.7, saturation: 1.0, diffusivity: 1.0e-3}",
+    "    pore_pressure_ratio: {distribution: uniform, low: 0.6, high: 0.9}\n"
+    "    pore_pressure_diffusivity: {distribution: uniform, low: 1.0e-4, high: 1.0e-2}\n",
+)
+BLOCKS = with_pores("{ratio: {low: 0.4, high: 0.8, block: 20}, saturation: 0.5, decay_time: 5}")
+RASTER = with_pores("{ratio: inputs/ratio.tif, decay_time: 5.0}")
+
+
+def pores_of(site, sample=None):
+    (release,) = site.member_arguments(sample)["release"]
+    return release.pore_pressure
+
+
+def particles_of(site, sample=None):
+    """Pore pressure ratio of each particle at the start, and local positions (n, 3) [m]."""
+    arguments = site.member_arguments(sample)
+    chosen = {name: arguments[name] for name in ("terrain", "release", "material", "basal_friction_angle")}
+    scene, p = build_scene(**chosen, numerics=Numerics.of(arguments))
+    return p.pore_excess + scene.pore_table()["equilibrium"][0], p.position(np.array(scene.spacing))
+
+
+def test_numbers_of_a_site_are_those_of_its_members(tmp_path):
+    site = runout.read_site(write_site(tmp_path / "site", NUMBER))
+    stated = pores_of(site)
+    assert (stated.ratio, stated.saturation, stated.diffusivity, stated.decay_time) == (0.7, 1.0, 1e-3, None)
+    drawn = pores_of(site, {"pore_pressure_ratio": 0.8, "pore_pressure_diffusivity": 5e-3})
+    assert (drawn.ratio, drawn.saturation, drawn.diffusivity) == (0.8, 1.0, 5e-3)
+    assert parameter_variable("pore_pressure_diffusivity").units == "m2 s-1"
+    ratios, _ = particles_of(site, {"pore_pressure_ratio": 0.8})
+    assert ratios == pytest.approx(0.8)
+
+
+def test_blocks_are_drawn_by_the_seed_of_a_member(tmp_path):
+    site = runout.read_site(write_site(tmp_path / "site", BLOCKS))
+    (first, x), (again, _), (other, _) = (particles_of(site, {"seed": seed}) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert 0.4 <= first.min() < first.max() - 0.1 <= 0.7
+    blocks = np.unique(np.floor(x[:, :2] / 20.0), axis=0, return_inverse=True)[1].ravel()
+    assert all(np.ptp(first[blocks == b]) == 0.0 for b in range(blocks.max() + 1))
+
+
+def test_a_raster_of_ratios_reaches_the_particles_of_its_cells(tmp_path):
+    folder, ratio = write_site(tmp_path / "site", RASTER), np.full(slab().shape, 0.3)
+    ratio[:, 8:] = 0.6
+    write_raster(folder / "inputs" / "ratio.tif", ratio)
+    site = runout.read_site(folder)
+    found, x = particles_of(site)
+    inside = np.abs(x[:, 0] - 80.0) > 1.0
+    np.testing.assert_allclose(found[inside], np.where(x[inside, 0] > 80.0, 0.6, 0.3), rtol=1e-6)
+    assert any(path.name == "ratio.tif" for path in site.inputs())
+    write_raster(folder / "inputs" / "ratio.tif", np.where(slab() > 0, 1.3, 0.0))
+    with pytest.raises(InputError, match=r"site.yaml.*pore_pressure.ratio.*1.3"):
+        runout.read_site(folder).releases()
+
+
+@pytest.mark.parametrize(
+    ("stated", "sampled", "said"),
+    [
+        ("{ratio: 0.99, decay_time: 5}", "", "ratio: .*0.97"),
+        ("{ratio: -0.1, decay_time: 5}", "", "ratio"),
+        ("{ratio: 0.7}", "", "neither diffusivity nor decay_time"),
+        ("{ratio: 0.7, decay_time: 5, diffusivity: 0.001}", "", "both given; give one"),
+        ("{ratio: 0.7, decay_time: 5, saturation: 1.5}", "", "saturation"),
+        ("{ratio: 0.7, decay_time: 0}", "", "decay_time"),
+        ("{ratio: {low: 0.8, high: 0.4, block: 10}, decay_time: 5}", "", "exchange them"),
+        ("{ratio: inputs/none.tif, decay_time: 5}", "", "there is no file"),
+        (
+            "{ratio: 0.7, decay_time: 5}",
+            "    pore_pressure_diffusivity: {distribution: uniform, low: 1.0e-4, high: 1.0e-2}\n",
+            "the pore pressure of no release states it",
+        ),
+    ],
+)
+def test_wrong_numbers_are_refused_with_key_and_remedy(tmp_path, stated, sampled, said):
+    with pytest.raises(ConfigError, match=said):
+        runout.read_site(write_site(tmp_path / "site", with_pores(stated, sampled)))
+
+
+def test_check_says_what_a_wet_mass_stands_on_and_warns_of_rising_pressure(tmp_path):
+    folder = write_site(tmp_path / "site", NUMBER)
+    found = inspect(folder)
+    assert found.problems == []
+    (said,) = [note for note in found.notes if "water carries" in note]
+    acting = math.degrees(math.atan(0.3 * math.tan(math.radians(20.0))))
+    assert f"water carries 0.7 of its weight at the start; the ground, of 20.0 deg, acts like {acting:.1f} deg" in said
+    least = least_friction(found.site, found.releases)  # of the member with the highest ratio and the lowest angle
+    assert math.tan(least) < 0.3 * math.tan(math.radians(22.0))
+    low = inspect(write_site(tmp_path / "low", with_pores("{ratio: 0.2, saturation: 1.0, decay_time: 5}")))
+    assert any("below the hydrostatic 0.5" in warning for warning in low.warnings)
+    fluid = SITE.replace("density: 2000", "density: 1020")
+    fluid = fluid.replace(PLACED, f"{PLACED}    pore_pressure: {{ratio: 0.9, saturation: 1.0, decay_time: 5}}\n")
+    assert any(
+        "water carries 0.98 of the weight" in problem for problem in map(str, inspect(write_site(tmp_path / "f", fluid)).problems)
+    )
+
+
+def ramp(**choices):
+    """Terrain and release of the ramp in Python."""
+    x = 5.0 * np.arange(60)
+    terrain = runout.Terrain.from_array(np.tile(np.maximum(0.0, 80.0 - 0.5 * x), (12, 1)), 5.0)
+    thickness = np.zeros(terrain.shape)
+    thickness[4:8, 4:10] = 4.0
+    return terrain, runout.Release.from_array(thickness, terrain, placement="on_surface", **choices)
+
+
+def test_python_refuses_what_no_mass_stands_on():
+    with pytest.raises(ReleaseError, match=r"pore_pressure: ratio is 0\.98"):
+        PorePressure(ratio=0.98, decay_time=1.0)
+    with pytest.raises(ReleaseError, match="give one of them"):
+        PorePressure(ratio=0.5)
+    with pytest.raises(ReleaseError, match="give low, high, block"):
+        PorePressure(ratio={"low": 0.1, "high": 0.2}, decay_time=1.0)
+    with pytest.raises(ReleaseError, match=r"give runout.PorePressure"):
+        ramp(pore_pressure=0.7)
+    cells = np.full((12, 60), np.nan)
+    cells[0, 0] = 0.5
+    terrain, release = ramp(pore_pressure=PorePressure(ratio=cells, decay_time=1.0))
+    with pytest.raises(ReleaseError, match="24 cells of the release"):
+        runout.simulate(terrain, release, runout.DruckerPrager(density=2000.0, friction_angle=30.0), cell_size=5.0, end_time=1.0)
+
+
+def test_forecasts_take_the_friction_that_acts_and_the_memory_of_the_pressure():
+    terrain, dry = ramp()
+    wet, material = (
+        replace(dry, pore_pressure=PorePressure(ratio=0.6, decay_time=5.0)),
+        runout.DruckerPrager(density=2000.0, friction_angle=35.0),
+    )
+    stiff = [chosen_moduli([material], [r], [math.radians(20.0)], [0.6])[0].modulus for r in (dry, wet)]
+    assert stiff[1] > 1.1 * stiff[0]
+    surface = build_scene(terrain, wet, material, 20.0, Numerics(cell_size=5.0))[0].surface
+    extents = [expected_extent([r], surface, (5.0, 5.0, 5.0), (2, 2, 4)) for r in (dry, wet)]
+    assert pore_bytes(extents[0], "float32") == 0
+    assert pore_bytes(extents[1], "float32") >= 4 * extents[1].particles
+
+
+def test_a_wet_mass_runs_farther_and_a_drained_one_hardly():
+    terrain, dry = ramp()
+    reached = []
+    for pore in (None, PorePressure(ratio=0.8, decay_time=0.05), PorePressure(ratio=0.8, diffusivity=1e-3)):
+        release, material = replace(dry, pore_pressure=pore), runout.DruckerPrager(density=2000.0, friction_angle=35.0)
+        result = runout.simulate(terrain, release, material, basal_friction_angle=22.0, cell_size=2.5, end_time=12.0)
+        reached.append(float(result.particles.positions[:, 0].mean()))
+    assert reached[2] > reached[1] + 10.0
+    assert reached[1] - reached[0] < 0.25 * (reached[2] - reached[0])
