@@ -1,4 +1,4 @@
-"""Small faults that a test should find: one changed operator, constant, condition, result or call."""
+"""Small faults that a test should find: one changed operator, constant, condition, result, call or argument."""
 
 import ast
 import random
@@ -91,6 +91,10 @@ def _of_expression(node: ast.AST) -> Iterator[tuple[str, str]]:
         if name in SWAPPED:
             function = ast.unparse(node.func)
             yield "call", f"{function[: -len(name)]}{SWAPPED[name]}{ast.unparse(node)[len(function) :]}"
+        for keyword in node.keywords:
+            if keyword.arg not in (None, "strict"):
+                others = [other for other in node.keywords if other is not keyword]
+                yield "removed argument", ast.unparse(ast.Call(node.func, node.args, others))
 
 
 def _of_constant(value: object) -> Iterator[tuple[str, str]]:
