@@ -1,15 +1,18 @@
 """Forces on structures over weighted members, from records that are worked out by hand."""
 
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
 import xarray as xr
-from synthetic_ensemble import CELL, SHAPE, make_table, make_terrain, member_maps
+from synthetic_ensemble import CELL, SHAPE, FakeSite, make_table, make_terrain, member_maps
 
 from runout.errors import StorageError
 from runout.hazard.facades import FacadeRecords, facade_dataset, maxima_of, overtopping, write_facades
 from runout.hazard.members import Ensemble
-from runout.hazard.structure_products import _layers
+from runout.hazard.structure_products import StructureProducts, _layers, write_structures
 from runout.io import netcdf
 from runout.simulation.structure_forces import AXES, GROUP, SERIES
 from runout.structures.solid import Solid
@@ -112,14 +115,20 @@ def test_volumes_behind_a_dam_are_weighted_by_the_covered_area_of_cells(ensemble
     assert overtopping({"village": area}, ensemble, [50], 1.01 * wet[1])["overtopping_probability"].values.tolist() == [0.5]
 
 
-def test_layers_hold_the_largest_values_of_facades_and_structures(ensemble, records):
+def house_and_cellar():
+    """A house with two facades, and a body in the ground."""
     mesh = trimesh.creation.box((20.0, 10.0, 8.0))
     mesh.apply_translation((200.0, 150.0, 904.0))
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     west = np.asarray(mesh.triangles_center)[:, 0] < 190.1
-    solids = [
-        Solid("house", np.asarray(mesh.vertices), np.asarray(mesh.faces), np.where(west, 0, 1), ("west", "top"), 0.4, "house"),
-        Solid("buried", np.asarray(mesh.vertices) - 100.0, np.asarray(mesh.faces), np.zeros(12, int), ("all",), 0.4, "buried"),
-    ]
+    return (
+        Solid("house", vertices, faces, np.where(west, 0, 1), ("west", "top"), 0.4, "house"),
+        Solid("buried", vertices - 100.0, faces, np.zeros(12, int), ("all",), 0.4, "buried"),
+    )
+
+
+def test_layers_hold_the_largest_values_of_facades_and_structures(ensemble, records):
+    solids = house_and_cellar()
     layers = _layers(solids, facade_dataset(records, ensemble, [50], [4e3]), make_terrain())
     kind, (house, buried) = layers["structures"]
     assert kind == "MultiPolygon"
@@ -136,3 +145,61 @@ def test_layers_hold_the_largest_values_of_facades_and_structures(ensemble, reco
     }  # fmt: skip
     assert {name: value for name, value in wall.items() if name != "geometry"} == wanted
     assert (roof["facade"], roof["area_m2"], roof["max_force_n"]) == ("top", 30.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SiteWithStructures(FakeSite):
+    """A site with a house, and with a village behind it where ``areas`` says so."""
+
+    solids: tuple[Solid, ...] = ()
+    areas: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def files(self) -> SimpleNamespace:
+        bodies = SimpleNamespace(solids=self.solids, changes=("its faces are turned outwards",))
+        return SimpleNamespace(bodies=lambda: bodies, protected_areas=lambda: self.areas)
+
+
+def site_with(folder, solids, areas):
+    settings = SimpleNamespace(
+        structures=["inputs/house.gpkg"],
+        hazard=SimpleNamespace(percentiles=[25, 50], pressure_thresholds=[4e3]),
+        simulation=SimpleNamespace(arrival_threshold=0.1),
+    )
+    return SiteWithStructures(folder, settings=settings, solids=solids, areas=areas)
+
+
+def test_products_of_structures_are_a_file_layers_and_what_was_assumed(ensemble, tmp_path):
+    area = np.zeros(SHAPE)
+    area[8, 5] = 0.5 * CELL[0] * CELL[1]  # 1 m in the second member, 1.5 m in the third
+    site = site_with(tmp_path, house_and_cellar(), {"village": area})
+    made = write_structures(site, ensemble, make_terrain(), {"creator_name": "A. Name", "history": "now"}, tmp_path)
+    assert made.paths == (tmp_path / "structures.nc",)
+    assert set(made.layers) == {"structures", "facades"}
+    assert made.changes == ("its faces are turned outwards",)
+    found = netcdf.read(tmp_path / "structures.nc")
+    assert found.attrs["title"] == "valley: forces on structures"
+    assert found.attrs["history"] == "now"
+    assert found["percentile"].values.tolist() == [25.0, 50.0]
+    assert found["overtopping_probability"].values.tolist() == [0.75]
+    np.testing.assert_allclose(found["overtopping_volume"].values[:3, 0], [0.0, 60.0, 90.0])
+
+
+def test_a_volume_counts_as_overtopping_from_the_threshold_of_arrival_on_one_cell(ensemble, tmp_path):
+    for depth, probability in ((0.0999, 0.0), (0.1001, 0.5)):
+        area = np.zeros(SHAPE)
+        area[8, 5] = depth / 1.5 * CELL[0] * CELL[1]
+        write_structures(site_with(tmp_path, house_and_cellar(), {"village": area}), ensemble, make_terrain(), {}, tmp_path)
+        assert netcdf.read(tmp_path / "structures.nc")["overtopping_probability"].values.tolist() == [probability]
+
+
+def test_a_site_without_structures_loses_the_file_of_an_earlier_run(ensemble, tmp_path):
+    for site in (site_with(tmp_path, (), {}), FakeSite(tmp_path)):
+        (tmp_path / "structures.nc").write_bytes(b"old")
+        assert write_structures(site, ensemble, make_terrain(), {}, tmp_path) == StructureProducts()
+        assert not (tmp_path / "structures.nc").exists()
+
+
+def test_a_site_without_protected_areas_has_no_overtopping(ensemble, tmp_path):
+    write_structures(site_with(tmp_path, house_and_cellar(), {}), ensemble, make_terrain(), {}, tmp_path)
+    assert "overtopping_volume" not in netcdf.read(tmp_path / "structures.nc")
