@@ -71,6 +71,16 @@ def test_a_hanging_slab_is_as_thick_as_it_is_and_a_slab_on_the_ground_is_not(lev
     assert (centres[:, 2] > 100.0).all()
 
 
+def test_a_slab_close_above_the_ground_hangs_only_if_it_states_a_clearance(level):
+    """Its underside is 1 m above the ground, less than a quarter of a cell of the terrain."""
+    slab = box((100, 100, 102.5), (20, 20, 3))
+    for solid, expected in ((body(slab), np.inf), (hanging(slab, clearance=1.0), 3.0)):
+        thickness, centres, _ = wall_thickness(solid, level, (2.0, 2.0, 2.0))
+        top = np.abs(centres[:, 2] - 104.0) < 1e-9
+        assert top.any()
+        np.testing.assert_allclose(thickness[top], expected)
+
+
 @pytest.mark.parametrize(("width", "cell", "named"), [(3.0, 2.0, "1.5"), (1.0, 2.0, "0.5"), (7.0, 4.0, "3.5")])
 def test_a_thin_wall_is_named_with_the_cell_size_that_resolves_it(level, width, cell, named):
     (problem,) = thin_walls([body(box((100, 100, 104), (20, width, 12)))], level, (cell,) * 3)
