@@ -194,3 +194,34 @@ def test_a_protected_area_beyond_the_terrain_is_named_with_its_line(with_block, 
         StructureError, match=r"site\.yaml:21: structures\[0\]\.protects: .*at easting 500550\.0, northing 5000030\.0"
     ):
         site.files.protected_areas()
+
+
+# --- terrain ---------------------------------------------------------------------------------------------------------------
+
+
+def test_zones_and_rasters_of_friction_come_together_and_a_site_without_them_has_none(edited, site_folder):
+    inputs = site_folder / "inputs"
+    assert read_site(site_folder).friction_zones(read_site(site_folder).terrain()) is None
+    write_layer(inputs / "zones.gpkg", [shapely.box(WEST + 100, SOUTH, WEST + 120, SOUTH + 10)], k=[1.5])
+    values = np.full((20, 30), np.nan)
+    values[19, 0] = 35.0
+    write_raster(inputs / "friction.tif", values)
+    stated = "dem.asc\n  friction_zones:\n    - {polygons: inputs/zones.gpkg, factor: k}\n"
+    site = read_site(edited("dem.asc\n", f"{stated}  friction_rasters: {{friction_angle_deg: inputs/friction.tif}}\n"))
+    zones = site.friction_zones(site.terrain())
+    factor = np.ones((30, 20))
+    factor[10:12, 0] = 1.5
+    np.testing.assert_allclose(zones.factor, factor)
+    kept, own = zones.gridded["friction"]
+    assert (kept[0, 0], own[0, 0]) == pytest.approx((0.0, np.tan(np.radians(35.0))))
+    assert kept.sum() == kept.size - 1
+
+
+def test_obstacles_raise_the_ground_of_a_site(edited, site_folder):
+    write_layer(site_folder / "inputs" / "dams.gpkg", [shapely.box(WEST + 100, SOUTH, WEST + 125, SOUTH + 10)])
+    plain = read_site(site_folder).terrain().elevation
+    site = read_site(edited("dem.asc\n", "dem.asc\n  obstacles: [{polygons: inputs/dams.gpkg, height: 6}]\n"))
+    raised = np.zeros((20, 30))
+    raised[19, 10:13] = 6.0, 6.0, 3.0
+    np.testing.assert_allclose(site.terrain().elevation - plain, raised, atol=1e-6)
+    assert site.terrain().changes[-1].endswith("obstacles on 250 m2 change the ground by 6 to 6 m")
