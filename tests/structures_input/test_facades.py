@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 import trimesh
-from structure_bodies import box
+from structure_bodies import SOUTH, WEST, box
 
 from runout.model.terrain import Terrain
 from runout.structures import mesh_faults
 from runout.structures.build import build_structures
 from runout.structures.facades import mesh_facades
-from runout.structures.mesh_faults import crossings
+from runout.structures.mesh_faults import crossings, volume
+from runout.structures.outlines import facade_lines, footprint
+from runout.structures.overhangs import overhang_bodies
 from runout.structures.pieces import cut_pieces
 from runout.structures.solid import Solid, normals_and_areas
+from runout.terrain.mesh import Overhangs
 
 DIRECTIONS = {
     **{name: (np.cos(k * np.pi / 4), np.sin(k * np.pi / 4), 0.0) for k, name in enumerate(
@@ -154,3 +157,63 @@ def test_crossings_do_not_depend_on_how_many_edges_are_tried_at_a_time(monkeypat
     corners = {(x, y, 2.0) for x in (-0.4, 1.6) for y in (-0.5, 1.5)}
     diagonals = {(x, y, 2.0) for x, y in ((0.6, -0.5), (0.6, 1.5), (-0.4, 0.5), (1.6, 0.5), (-0.4, -0.4), (1.5, 1.5))}
     assert {tuple(np.round(point, 9).tolist()) for point in found} == corners | diagonals
+
+
+# --- plan, overhangs and patches -------------------------------------------------------------------------------------------
+
+
+def test_outlines_lie_on_the_map_and_walls_are_lines_in_it(level):
+    house = with_top(box((60, 100, 103), (10, 20, 10)), "house")
+    outline = footprint(house, level)
+    assert outline.bounds == pytest.approx((WEST + 55, SOUTH + 90, WEST + 65, SOUTH + 110))
+    assert outline.area == pytest.approx(200.0)
+    walls, top = facade_lines(house, 0, level), facade_lines(house, 1, level)
+    assert top.length == pytest.approx(60.0), "the border of the top"
+    assert top.bounds == pytest.approx(outline.bounds)
+    assert walls.geom_type == top.geom_type == "MultiLineString"
+    vertices, faces = np.asarray(house.vertices), np.asarray(house.faces)
+    normals, _ = normals_and_areas(vertices[faces])
+    west = Solid("west", vertices, faces, np.where(normals[:, 0] < -0.5, 0, 1), ("west", "rest"), 0.4, "west")
+    line = facade_lines(west, 0, level)
+    assert line.length == pytest.approx(20.0)
+    assert line.bounds == pytest.approx((WEST + 55, SOUTH + 90, WEST + 55, SOUTH + 110))
+
+
+def overhangs_of(*cells):
+    """Overhangs by (row, column, bottom, top)."""
+    row, column, bottom, top = (np.array(values) for values in zip(*cells, strict=True))
+    return Overhangs(row, column, bottom.astype(float), top.astype(float))
+
+
+def test_overhangs_that_touch_are_one_body_with_the_volume_of_its_columns(level):
+    """Three cells in a row with a level underside, and one far away; rows count from the north, places from the south."""
+    found = overhang_bodies(overhangs_of((10, 5, 110, 112), (10, 6, 110, 112), (10, 7, 110, 112), (30, 20, 105, 109)), level, 0.5)
+    assert [solid.place for solid in found] == [f"{level.source}: overhang of 3 cells", f"{level.source}: overhang of 1 cells"]
+    long, single = found
+    np.testing.assert_allclose(long.box, [[25.0, 145.0, 110.0], [40.0, 150.0, 112.0]])
+    np.testing.assert_allclose(single.box, [[100.0, 45.0, 105.0], [105.0, 50.0, 109.0]])
+    assert [volume(solid.vertices, solid.faces) for solid in found] == pytest.approx([3 * 25 * 2.0, 25 * 4.0])
+    assert (single.friction, single.clearance, single.name) == (0.5, 0.0, "overhang")
+    assert set(single.facades) == {"east", "west", "north", "south", "top", "underside"}
+
+
+def test_corners_of_overhangs_have_the_mean_of_their_cells_and_layers_are_bodies_of_their_own(level):
+    (stepped,) = overhang_bodies(overhangs_of((10, 5, 110, 112), (10, 6, 114, 118)), level, 0.5)
+    between = stepped.vertices[np.abs(stepped.vertices[:, 0] - 30.0) < 1e-9]
+    assert sorted(set(between[:, 2])) == [112.0, 115.0]
+    two = overhang_bodies(overhangs_of((10, 5, 120, 122), (10, 5, 110, 112), (10, 6, 110, 113)), level, 0.5)
+    assert sorted((solid.box[0, 2], solid.box[1, 2]) for solid in two) == [(110.0, 113.0), (120.0, 122.0)]
+
+
+def test_a_wall_of_one_cell_and_a_rest_has_patches_of_about_a_cell(level):
+    made = build_structures([with_top(box((100.3, 100, 104), (20.6, 8, 12)), "house")], level, (2.0, 2.0, 2.0))
+    patches = made.field.patches
+    area = np.bincount(patches.facade, patches.area)
+    assert area == pytest.approx([2 * (20.6 + 8) * 10, 20.6 * 8])
+    for k in range(2):
+        of_it = np.sort(patches.area[patches.facade == k])
+        median = of_it[np.searchsorted(np.cumsum(of_it), 0.5 * of_it.sum())]
+        assert of_it.min() >= 0.5 * median
+        assert of_it.max() <= 2.5 * 4.0
+    assert np.linalg.norm(patches.normal, axis=1) == pytest.approx(np.ones(len(patches.area)))
+    assert (np.abs(patches.normal).max(axis=1) > 0.99).all(), "no patch lies around an edge"
