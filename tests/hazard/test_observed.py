@@ -1,16 +1,20 @@
 """Members of an ensemble against observations: weighted means, medians, scar, and the layers that show what was observed."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
-from synthetic_ensemble import CELL, SHAPE, SOUTH, WEST, FakeSite, make_table, make_terrain, member_maps, write_member
+from synthetic_ensemble import CELL, SHAPE, SOUTH, WEST, FakeSite, make_site, make_table, make_terrain, member_maps, write_member
 
+from runout.config.stated_at import Reading
 from runout.errors import StorageError
 from runout.hazard.members import Ensemble
 from runout.hazard.observed import observed_layers, removed, scored
+from runout.hazard.products import write_products
+from runout.io import netcdf
 from runout.model.release import Placement, Release
 from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid
@@ -134,3 +138,19 @@ def test_layers_hold_what_was_observed():
     assert rows[0]["speed"] == 3.0
     assert np.isnan(rows[1]["speed"])
     assert observed_layers(Observations(grid)) == {}
+
+
+def test_products_of_a_site_with_observations_hold_their_maps_and_scores(tmp_path, monkeypatch):
+    site, results = make_site(tmp_path)
+    observed = Observations(Grid.of(TERRAIN), deposit=np.full(SHAPE, 0.25), changes=("deposit.tif: turned north up.",))
+    files = SimpleNamespace(**{**vars(site.files), "observations": lambda: Reading(observed)})
+    monkeypatch.setattr(FakeSite, "files", files)
+    write_products(site, results, make_table(), {0: "done", 1: "done", 2: "left", 3: "failed", 4: "left"})
+    hazard, record = netcdf.read(results / "hazard.nc"), json.loads((results / "run.json").read_text())
+    deposits = [member_maps(number)["deposit_thickness"] for number in range(2)]
+    known = np.isfinite(TERRAIN.elevation)
+    difference = hazard["deposit_thickness_difference"].values
+    np.testing.assert_allclose(difference[known], (np.mean(deposits, axis=0) - 0.25)[known], rtol=1e-6)
+    assert list(record["observations"]["members"]) == ["0", "1"]
+    assert "deposit.tif: turned north up." in record["changes"]
+    assert (results / "maps" / "observed_deposit_thickness.tif").is_file()
