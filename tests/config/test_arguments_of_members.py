@@ -104,8 +104,8 @@ def test_the_command_line_may_state_another_device(site_folder, monkeypatch):
     assert (on_device(gpu, "cpu").device, on_device(gpu, "cpu").backend) == ("cpu", "scan")
     reference = simulation.model_copy(update={"backend": "reference"})
     assert on_device(reference, "cpu").backend == "reference"
-    found = {"cuda": "cuda:0", "auto": "cuda:0", "cuda:1": "cuda:1"}
-    monkeypatch.setattr("runout.backends.protocol.find_device", found.__getitem__)
+    devices = {"cuda": "cuda:0", "auto": "cuda:0", "cuda:1": "cuda:1"}
+    monkeypatch.setattr("runout.backends.protocol.find_device", devices.__getitem__)
     for device, place in (("cuda", "cuda"), ("auto", "cuda"), ("cuda:1", "cuda:1")):
         assert (on_device(simulation, device).device, on_device(simulation, device).backend) == (place, "hash")
     monkeypatch.setattr("runout.backends.protocol.find_device", lambda device: "cpu")
@@ -129,9 +129,9 @@ def test_settings_of_probes_from_the_command_line_name_files_relative_to_the_sit
     inside.parent.mkdir(parents=True)
     for path in (inside, outside):
         path.write_bytes(b"")
-    made = probe_settings(tmp_path / "site", inside, outside, points_layer="a", cross_sections_layer="b", interval=0.5)
-    assert (made.points, made.cross_sections) == ("inputs/points.gpkg", str(outside))
-    assert (made.points_layer, made.cross_sections_layer, made.interval) == ("a", "b", 0.5)
+    settings = probe_settings(tmp_path / "site", inside, outside, points_layer="a", cross_sections_layer="b", interval=0.5)
+    assert (settings.points, settings.cross_sections) == ("inputs/points.gpkg", str(outside))
+    assert (settings.points_layer, settings.cross_sections_layer, settings.interval) == ("a", "b", 0.5)
     assert probe_settings(tmp_path / "site", None, outside).points is None
     with pytest.raises(ConfigError) as refused:
         probe_settings(tmp_path, tmp_path / "sectionz.gpkg", None, cross_sections_layer="b", interval=0.0)
@@ -154,9 +154,9 @@ def test_structures_of_a_site_reach_its_members_and_all_their_problems_come_at_o
     site = read_site(edited("structures:\n  - {file: inputs/house.gpkg, height: 20, name: house}\nensemble:\n", bad))
     with pytest.raises(StructureError) as refused:
         site.member_arguments()
-    said = str(refused.value)
-    assert "a wall is 3 m thick, less than two cells of 10 m" in said
-    assert "lies beyond the terrain" in said
+    message = str(refused.value)
+    assert "a wall is 3 m thick, less than two cells of 10 m" in message
+    assert "lies beyond the terrain" in message
 
 
 def test_a_site_reads_its_files_once_and_again_where_settings_differ(site_folder):
@@ -172,10 +172,10 @@ def test_a_site_reads_its_files_once_and_again_where_settings_differ(site_folder
 
 def test_what_is_said_of_releases_has_their_numbers(edited, site_folder):
     (release,) = read_site(site_folder).releases()
-    kept = record(release)
-    assert (kept["name"], kept["volume"], kept["area"]) == ("scar", pytest.approx(6400.0), pytest.approx(1600.0))
-    assert kept["mean_thickness"] == pytest.approx(4.0)
-    assert kept["largest_thickness"] == pytest.approx(release.thickness.max())
+    entries = record(release)
+    assert (entries["name"], entries["volume"], entries["area"]) == ("scar", pytest.approx(6400.0), pytest.approx(1600.0))
+    assert entries["mean_thickness"] == pytest.approx(4.0)
+    assert entries["largest_thickness"] == pytest.approx(release.thickness.max())
     assert list(start_sentences([release])) == []
     both = list(start_sentences([release, release]))
     assert both[0].startswith("the 2 releases (scar, scar) start together at time zero, in every member; where each may fail alone")

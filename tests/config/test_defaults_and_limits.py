@@ -37,11 +37,11 @@ def test_what_a_short_file_leaves_out_has_its_default(site_folder):
         },
     }  # fmt: skip
     for section, values in expected.items():
-        stated = getattr(settings, section).model_dump()
-        assert {key: stated[key] for key in values} == values, section
+        values_of_site = getattr(settings, section).model_dump()
+        assert {key: values_of_site[key] for key in values} == values, section
     release = {"placement": "excavated", **dict.fromkeys(("layer", "raster", "sign", "volume", "edge", "basal_friction"))}
-    stated = settings.release[0].model_dump()
-    assert {key: stated[key] for key in release} == release
+    values_of_site = settings.release[0].model_dump()
+    assert {key: values_of_site[key] for key in release} == release
     assert (settings.description, settings.title) == ("", "A tilted plane")
     for block in ("metadata", "structures", "basal_friction", "probes", "stability", "observations", "report", "budget"):
         assert getattr(settings, block) is None, block

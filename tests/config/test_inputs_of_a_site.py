@@ -206,15 +206,15 @@ def test_zones_and_rasters_of_friction_come_together_and_a_site_without_them_has
     values = np.full((20, 30), np.nan)
     values[19, 0] = 35.0
     write_raster(inputs / "friction.tif", values)
-    stated = "dem.asc\n  friction_zones:\n    - {polygons: inputs/zones.gpkg, factor: k}\n"
-    site = read_site(edited("dem.asc\n", f"{stated}  friction_rasters: {{friction_angle_deg: inputs/friction.tif}}\n"))
+    block = "dem.asc\n  friction_zones:\n    - {polygons: inputs/zones.gpkg, factor: k}\n"
+    site = read_site(edited("dem.asc\n", f"{block}  friction_rasters: {{friction_angle_deg: inputs/friction.tif}}\n"))
     zones = site.friction_zones(site.terrain())
     factor = np.ones((30, 20))
     factor[10:12, 0] = 1.5
     np.testing.assert_allclose(zones.factor, factor)
-    kept, own = zones.gridded["friction"]
-    assert (kept[0, 0], own[0, 0]) == pytest.approx((0.0, np.tan(np.radians(35.0))))
-    assert kept.sum() == kept.size - 1
+    share, own = zones.gridded["friction"]
+    assert (share[0, 0], own[0, 0]) == pytest.approx((0.0, np.tan(np.radians(35.0))))
+    assert share.sum() == share.size - 1
 
 
 def test_obstacles_raise_the_ground_of_a_site(edited, site_folder):

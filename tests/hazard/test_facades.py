@@ -66,31 +66,31 @@ def test_maxima_are_sizes_of_vectors_with_the_time_of_the_largest_force():
 
 
 def test_percentiles_and_probabilities_of_facades_take_the_weights_of_valid_members(ensemble, records):
-    found = facade_dataset(records, ensemble, [25, 50, 75], [1.0, 4e3, 6e3, 7e3])
-    assert found["max_facade_force"].dims == ("realization", "facade")
-    np.testing.assert_array_equal(found["max_facade_force"].values[:, 0], [5.0, 10.0, 15.0, np.nan, np.nan])
-    assert found["facade_force_at_percentile"].values[:, 0].tolist() == [5.0, 10.0, 15.0]
-    assert found["facade_moment_at_percentile"].values[:, 0].tolist() == [10.0, 20.0, 30.0]
-    assert found["facade_pressure_at_percentile"].values[:, 0].tolist() == [2e3, 4e3, 6e3]
-    assert found["facade_high_pressure_at_percentile"].values[:, 0].tolist() == [5e3, 10e3, 15e3]
-    assert "time_of_max_facade_force_at_percentile" not in found
-    assert found["facade_pressure_probability"].dims == ("facade", "pressure_threshold")
-    assert found["facade_pressure_probability"].values.tolist() == [[1.0, 0.75, 0.5, 0.0], [0.0] * 4]
-    assert found["realization"].values.tolist() == [0, 1, 2, 3, 4]
+    dataset = facade_dataset(records, ensemble, [25, 50, 75], [1.0, 4e3, 6e3, 7e3])
+    assert dataset["max_facade_force"].dims == ("realization", "facade")
+    np.testing.assert_array_equal(dataset["max_facade_force"].values[:, 0], [5.0, 10.0, 15.0, np.nan, np.nan])
+    assert dataset["facade_force_at_percentile"].values[:, 0].tolist() == [5.0, 10.0, 15.0]
+    assert dataset["facade_moment_at_percentile"].values[:, 0].tolist() == [10.0, 20.0, 30.0]
+    assert dataset["facade_pressure_at_percentile"].values[:, 0].tolist() == [2e3, 4e3, 6e3]
+    assert dataset["facade_high_pressure_at_percentile"].values[:, 0].tolist() == [5e3, 10e3, 15e3]
+    assert "time_of_max_facade_force_at_percentile" not in dataset
+    assert dataset["facade_pressure_probability"].dims == ("facade", "pressure_threshold")
+    assert dataset["facade_pressure_probability"].values.tolist() == [[1.0, 0.75, 0.5, 0.0], [0.0] * 4]
+    assert dataset["realization"].values.tolist() == [0, 1, 2, 3, 4]
     assert facade_dataset(records, ensemble, [50], [])["facade_pressure_probability"].shape == (2, 0)
 
 
 def test_series_of_all_members_stand_in_one_file_and_are_missing_where_they_end(ensemble, records, tmp_path):
     dataset = facade_dataset(records, ensemble, [50], [1.0])
-    found = netcdf.read(write_facades(dataset, records.lengths, ensemble, tmp_path / "structures.nc"))
+    written = netcdf.read(write_facades(dataset, records.lengths, ensemble, tmp_path / "structures.nc"))
     assert records.lengths == [3, 4, 5]
-    assert found["facade_force_east"].dims == ("realization", "record", "facade")
-    assert found["facade_force_east"].shape == (5, 5, 2)
-    np.testing.assert_array_equal(found["facade_force_east"].values[1, :, 0], [0.0, 3.0, 6.0, 0.0, np.nan])
-    np.testing.assert_array_equal(found["record_time"].values[0], [0.0, 1.0, 2.0, np.nan, np.nan])
-    assert np.isnan(found["facade_force_east"].values[3:]).all()
-    assert found["facade_force_east"].attrs["units"] == "N"
-    assert found["facade_pressure_probability"].values[:, 0].tolist() == [1.0, 0.0]
+    assert written["facade_force_east"].dims == ("realization", "record", "facade")
+    assert written["facade_force_east"].shape == (5, 5, 2)
+    np.testing.assert_array_equal(written["facade_force_east"].values[1, :, 0], [0.0, 3.0, 6.0, 0.0, np.nan])
+    np.testing.assert_array_equal(written["record_time"].values[0], [0.0, 1.0, 2.0, np.nan, np.nan])
+    assert np.isnan(written["facade_force_east"].values[3:]).all()
+    assert written["facade_force_east"].attrs["units"] == "N"
+    assert written["facade_pressure_probability"].values[:, 0].tolist() == [1.0, 0.0]
 
 
 def test_members_with_other_structures_are_refused(records, tmp_path):
@@ -105,12 +105,12 @@ def test_volumes_behind_a_dam_are_weighted_by_the_covered_area_of_cells(ensemble
     cell = CELL[0] * CELL[1]
     area = np.zeros(SHAPE)
     area[8:12, 5:7] = 0.5 * cell  # below the tongue of the first member
-    found = overtopping({"village": area, "far": np.zeros(SHAPE)}, ensemble, [50, 75], 1.0)
+    dataset = overtopping({"village": area, "far": np.zeros(SHAPE)}, ensemble, [50, 75], 1.0)
     wet = [0.5 * cell * member_maps(number)["deposit_thickness"][8:12, 5:7].sum() for number in range(3)]
-    np.testing.assert_allclose(found["overtopping_volume"].values[:, 0], [*wet, np.nan, np.nan])
+    np.testing.assert_allclose(dataset["overtopping_volume"].values[:, 0], [*wet, np.nan, np.nan])
     assert wet[2] > wet[1] > wet[0] == 0.0
-    np.testing.assert_allclose(found["overtopping_volume_at_percentile"].values[:, 0], [wet[1], wet[2]])
-    assert found["overtopping_probability"].values.tolist() == [0.75, 0.0]
+    np.testing.assert_allclose(dataset["overtopping_volume_at_percentile"].values[:, 0], [wet[1], wet[2]])
+    assert dataset["overtopping_probability"].values.tolist() == [0.75, 0.0]
     assert overtopping({"village": area}, ensemble, [50], wet[1])["overtopping_probability"].values.tolist() == [0.75]
     assert overtopping({"village": area}, ensemble, [50], 1.01 * wet[1])["overtopping_probability"].values.tolist() == [0.5]
 
@@ -173,16 +173,16 @@ def test_products_of_structures_are_a_file_layers_and_what_was_assumed(ensemble,
     area = np.zeros(SHAPE)
     area[8, 5] = 0.5 * CELL[0] * CELL[1]  # 1 m in the second member, 1.5 m in the third
     site = site_with(tmp_path, house_and_cellar(), {"village": area})
-    made = write_structures(site, ensemble, make_terrain(), {"creator_name": "A. Name", "history": "now"}, tmp_path)
-    assert made.paths == (tmp_path / "structures.nc",)
-    assert set(made.layers) == {"structures", "facades"}
-    assert made.changes == ("its faces are turned outwards",)
-    found = netcdf.read(tmp_path / "structures.nc")
-    assert found.attrs["title"] == "valley: forces on structures"
-    assert found.attrs["history"] == "now"
-    assert found["percentile"].values.tolist() == [25.0, 50.0]
-    assert found["overtopping_probability"].values.tolist() == [0.75]
-    np.testing.assert_allclose(found["overtopping_volume"].values[:3, 0], [0.0, 60.0, 90.0])
+    products = write_structures(site, ensemble, make_terrain(), {"creator_name": "A. Name", "history": "now"}, tmp_path)
+    assert products.paths == (tmp_path / "structures.nc",)
+    assert set(products.layers) == {"structures", "facades"}
+    assert products.changes == ("its faces are turned outwards",)
+    dataset = netcdf.read(tmp_path / "structures.nc")
+    assert dataset.attrs["title"] == "valley: forces on structures"
+    assert dataset.attrs["history"] == "now"
+    assert dataset["percentile"].values.tolist() == [25.0, 50.0]
+    assert dataset["overtopping_probability"].values.tolist() == [0.75]
+    np.testing.assert_allclose(dataset["overtopping_volume"].values[:3, 0], [0.0, 60.0, 90.0])
 
 
 def test_a_volume_counts_as_overtopping_from_the_threshold_of_arrival_on_one_cell(ensemble, tmp_path):

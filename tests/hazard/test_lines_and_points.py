@@ -127,9 +127,9 @@ def write_series(path, factor, arrival, shift=0.0):
 
 def test_percentiles_of_series_are_those_of_each_time_over_the_weighted_members(tmp_path):
     files = [write_series(tmp_path / f"{k}.nc", k, arrival) for k, arrival in ((1, 3.0), (2, np.nan), (3, 4.0))]
-    found = ensemble_series(files, WEIGHTS, [25.0, 50.0, 75.0])
-    assert set(found) == {POINTS, SECTIONS}
-    points, across = found[POINTS], found[SECTIONS]
+    series = ensemble_series(files, WEIGHTS, [25.0, 50.0, 75.0])
+    assert set(series) == {POINTS, SECTIONS}
+    points, across = series[POINTS], series[SECTIONS]
     heavy = np.repeat([1.0, 2.0, 3.0], [1, 1, 2])[:3]  # of four equal members the first, second and third
     np.testing.assert_allclose(points["flow_thickness"].values[:, 0], heavy[:, None] * [0.0, 1.0, 2.0])
     np.testing.assert_allclose(across["discharge"].values[:, 0], heavy[:, None] * [0.0, 10.0, 20.0])

@@ -124,11 +124,11 @@ def test_cells_beyond_the_half_width_of_a_setting_count_in_no_score_of_the_thalw
     for half_width, outside in ((np.inf, 0), (20.0, 52)):
         setting = Setting([0.5], thalweg=line, half_width=half_width)
         outline = shapely.box(500_020, 5_000_000, 500_120, 5_000_090)
-        found = against_observations(Flow(GRID, {"thickness": modelled}), Observations(GRID, outline=outline), setting)
-        (counts,) = found.counts.values()
+        assessment = against_observations(Flow(GRID, {"thickness": modelled}), Observations(GRID, outline=outline), setting)
+        (counts,) = assessment.counts.values()
         assert counts["cells_beyond_half_width"] == outside
         assert (counts["modelled_front_m"], counts["observed_front_m"]) == pytest.approx((145.0, 115.0))
-        (error,) = [score.value for score in found.scores if score.name == "front_error"]
+        (error,) = [score.value for score in assessment.scores if score.name == "front_error"]
         assert error == pytest.approx(30.0)
 
 
@@ -148,12 +148,12 @@ def test_gauges_of_a_run_are_scored_at_their_cells_or_with_the_values_that_are_g
     flow = Flow(GRID, {"thickness": thickness, "speed": speed})
     gauges = Gauges(np.array([500_005.0, 500_055.0]), np.array([5_000_085.0, 5_000_045.0]), {"thickness": np.array([1.0, 1.5])})
     observed = Observations(GRID, gauges=gauges)
-    found = against_observations(flow, observed, Setting([0.5]))
-    assert {score.name: score.value for score in found.scores} == {"bias": 0.5, "rmse": 0.5}
-    assert found.counts == {"gauges, thickness": {"points": 1, "unknown_points": 1}}
-    assert {score.units for score in found.scores} == {"m"}
-    given = against_observations(flow, observed, Setting([0.5]), at_gauges={"thickness": np.array([2.0, 1.5])})
-    assert {score.name: score.value for score in given.scores} == {"bias": 0.5, "rmse": pytest.approx(0.5**0.5)}
+    assessment = against_observations(flow, observed, Setting([0.5]))
+    assert {score.name: score.value for score in assessment.scores} == {"bias": 0.5, "rmse": 0.5}
+    assert assessment.counts == {"gauges, thickness": {"points": 1, "unknown_points": 1}}
+    assert {score.units for score in assessment.scores} == {"m"}
+    of_values = against_observations(flow, observed, Setting([0.5]), at_gauges={"thickness": np.array([2.0, 1.5])})
+    assert {score.name: score.value for score in of_values.scores} == {"bias": 0.5, "rmse": pytest.approx(0.5**0.5)}
 
 
 # --- ensembles -------------------------------------------------------------------------------------------------------------
@@ -173,27 +173,27 @@ def second_member(products):
 
 
 def test_an_ensemble_is_scored_by_its_members_and_by_what_a_share_of_them_reaches(products, second_member):
-    found = scores.compare(products.results, second_member, scores.Choices(thresholds=(1.5,)))
-    assert [member.number for member in found.members] == [1, 2, 0]
-    assert found.ranked_by == "mean CSI"
-    csi = {member.number: next(s.value for s in member.scores if s.name == "csi") for member in found.members}
+    comparison = scores.compare(products.results, second_member, scores.Choices(thresholds=(1.5,)))
+    assert [member.number for member in comparison.members] == [1, 2, 0]
+    assert comparison.ranked_by == "mean CSI"
+    csi = {member.number: next(s.value for s in member.scores if s.name == "csi") for member in comparison.members}
     marker = 1  # a cell of all members
     assert csi == pytest.approx({0: marker / (8 * 15 + marker), 1: 1.0, 2: (8 * 15 + marker) / (12 * 15 + marker)})
-    values = {(score.of, score.name): score.value for score in found.found.scores}
+    values = {(score.of, score.name): score.value for score in comparison.found.scores}
     group = "flow of 1.5 m with P >= 0.5"
     assert values[group, "csi"] == 1.0
     p = np.array([2 / 3] * (8 * 15) + [1 / 3] * (4 * 15) + [1.0])
     reached = np.array([1.0] * (8 * 15) + [0.0] * (4 * 15) + [1.0])
     assert values[group, "brier"] == pytest.approx(np.mean((p - reached) ** 2))
-    assert (found.of_ensemble, found.quantities) == (0, found.quantities)
+    assert (comparison.of_ensemble, comparison.quantities) == (0, comparison.quantities)
     likely = scores.compare(products.results, second_member, scores.Choices(thresholds=(1.5,), probability=0.05))
     values = {(score.of, score.name): score.value for score in likely.found.scores}
     assert values["flow of 1.5 m with P >= 0.05", "csi"] == pytest.approx((8 * 15 + marker) / (12 * 15 + marker))
 
 
 def test_the_content_of_a_comparison_is_json_and_names_both(products, second_member):
-    found = scores.compare(second_member, products.results / "hazard.nc", scores.Choices(thresholds=(1.5,)))
-    content = json.loads(json.dumps(summary(found)))
+    comparison = scores.compare(second_member, products.results / "hazard.nc", scores.Choices(thresholds=(1.5,)))
+    content = json.loads(json.dumps(summary(comparison)))
     assert (content["a"]["kind"], content["b"]["kind"]) == ("raster", "ensemble")
     assert content["thresholds"] == [1.5]
     assert content["probability"] == 0.5
@@ -202,24 +202,24 @@ def test_the_content_of_a_comparison_is_json_and_names_both(products, second_mem
     assert content["grid"]["rows_columns"] == list(SHAPE)
     assert [member["member"] for member in content["members"]] == [1, 2, 0]
     assert content["ranked_by"] == "mean CSI"
-    assert found.of_ensemble == 1
+    assert comparison.of_ensemble == 1
 
 
 def test_two_members_are_compared_cell_by_cell_without_members(products):
     first, second = (products.results / "members" / f"{number:04d}.nc" for number in (0, 1))
-    found = scores.compare(first, second, scores.Choices(thresholds=(0.5,)))
-    assert (found.members, found.of_ensemble, found.ranked_by) == ((), None, "")
-    assert {"thickness", "deposit", "speed", "arrival"} <= set(found.quantities)
+    comparison = scores.compare(first, second, scores.Choices(thresholds=(0.5,)))
+    assert (comparison.members, comparison.of_ensemble, comparison.ranked_by) == ((), None, "")
+    assert {"thickness", "deposit", "speed", "arrival"} <= set(comparison.quantities)
     expected = member_maps(0)["max_flow_thickness"] - member_maps(1)["max_flow_thickness"]
-    known = np.isfinite(found.difference("thickness"))
-    np.testing.assert_allclose(found.difference("thickness")[known], expected[known], atol=1e-5)
-    assert np.isnan(found.difference("arrival")[30, 30]), "neither arrives"
-    assert "members" not in summary(found)
+    known = np.isfinite(comparison.difference("thickness"))
+    np.testing.assert_allclose(comparison.difference("thickness")[known], expected[known], atol=1e-5)
+    assert np.isnan(comparison.difference("arrival")[30, 30]), "neither arrives"
+    assert "members" not in summary(comparison)
 
 
 def test_both_ensembles_are_compared_by_percentiles_with_a_sentence(products):
-    found = scores.compare(products.results, products.results, scores.Choices())
-    assert any(sentence.startswith("both are ensembles: compared are the percentiles") for sentence in found.changes)
-    assert {score.value for score in found.found.scores if score.name == "csi"} == {1.0}
-    assert found.members == ()
-    assert "volume_bias" not in {score.name for score in found.found.scores}
+    comparison = scores.compare(products.results, products.results, scores.Choices())
+    assert any(sentence.startswith("both are ensembles: compared are the percentiles") for sentence in comparison.changes)
+    assert {score.value for score in comparison.found.scores if score.name == "csi"} == {1.0}
+    assert comparison.members == ()
+    assert "volume_bias" not in {score.name for score in comparison.found.scores}

@@ -21,8 +21,8 @@ from runout.structures.mesh_faults import Search, mesh_faults
 
 
 def hanging(mesh, name="body", clearance=5.0):
-    made = body(mesh, name)
-    return type(made)(made.name, made.vertices, made.faces, made.facade, made.facades, made.friction, made.place, clearance)
+    solid = body(mesh, name)
+    return type(solid)(solid.name, solid.vertices, solid.faces, solid.facade, solid.facades, solid.friction, solid.place, clearance)
 
 
 def inclined(east=0.2):
@@ -157,10 +157,10 @@ def test_equal_bodies_are_found_whatever_the_order_of_their_faces(level):
 def test_elevation_between_cells_is_linear_and_unknown_beyond_the_raster():
     terrain = inclined()
     points = np.array([(2.5, 2.5), (50.0, 73.2), (101.3, 197.5), (1.0, 100.0), (199.0, 100.0), (-0.1, 50.0), (50.0, 200.1)])
-    found = elevation_at(terrain, points)
-    np.testing.assert_allclose(found[:3], 100.0 + 0.2 * points[:3, 0])
-    np.testing.assert_allclose(found[3:5], [100.5, 139.5], err_msg="half a cell at the rim is level")
-    assert np.isnan(found[5:]).all()
+    elevation = elevation_at(terrain, points)
+    np.testing.assert_allclose(elevation[:3], 100.0 + 0.2 * points[:3, 0])
+    np.testing.assert_allclose(elevation[3:5], [100.5, 139.5], err_msg="half a cell at the rim is level")
+    assert np.isnan(elevation[5:]).all()
     north = Terrain(terrain.elevation.T[::-1], (5.0, 5.0), WEST, SOUTH, "EPSG:32632")
     np.testing.assert_allclose(elevation_at(north, np.array([(50.0, 73.2)])), 100.0 + 0.2 * 73.2)
 

@@ -62,19 +62,19 @@ def ridge(slope_deg):
 
 @pytest.mark.parametrize("count", [4, 8])
 def test_a_facade_is_named_after_the_side_that_it_faces(count):
-    found = facades_of(prism(ring(count)))
-    assert len(found) == count + 2
+    facades = facades_of(prism(ring(count)))
+    assert len(facades) == count + 2
     wall = 2 * 20.0 * np.sin(np.pi / count) * 10.0
-    for name, (area, normal) in found.items():
+    for name, (area, normal) in facades.items():
         np.testing.assert_allclose(normal, DIRECTIONS[name], atol=1e-9, err_msg=name)
         assert area == pytest.approx(wall if normal[2] == 0 else 0.5 * count * 20.0**2 * np.sin(2 * np.pi / count))
 
 
 def test_walls_that_face_the_same_of_eight_sides_get_numbers():
-    found = facades_of(prism(ring(16)))
-    assert len(found) == 18, "walls that turn by 22.5 degrees are facades of their own"
-    assert {"top", "underside", "east", "north", "west", "south"} <= {name.split()[0] for name in found}
-    assert any(name.endswith(" 2") for name in found)
+    facades = facades_of(prism(ring(16)))
+    assert len(facades) == 18, "walls that turn by 22.5 degrees are facades of their own"
+    assert {"top", "underside", "east", "north", "west", "south"} <= {name.split()[0] for name in facades}
+    assert any(name.endswith(" 2") for name in facades)
 
 
 def test_walls_that_turn_by_less_than_twenty_degrees_are_one():
@@ -101,9 +101,9 @@ def test_round_bodies_and_those_of_too_many_facades_are_one_facade():
 
 def test_small_faces_are_the_rest():
     corner = [(0.0, 0.0), (10.0, 0.0), (10.0, 9.6), (9.6, 10.0), (0.0, 10.0)]
-    found = facades_of(prism(corner))
-    assert set(found) == {"south", "east", "north", "west", "top", "underside", "rest"}
-    assert found["rest"][0] == pytest.approx(10.0 * np.hypot(0.4, 0.4))
+    facades = facades_of(prism(corner))
+    assert set(facades) == {"south", "east", "north", "west", "top", "underside", "rest"}
+    assert facades["rest"][0] == pytest.approx(10.0 * np.hypot(0.4, 0.4))
 
 
 def with_top(mesh, name, friction=0.4):
@@ -115,11 +115,11 @@ def with_top(mesh, name, friction=0.4):
 
 def test_facades_keep_their_structure_their_area_and_their_friction(level):
     low, high = box((60, 100, 103), (10, 20, 10)), box((140, 100, 106), (20, 8, 20))
-    made = build_structures([with_top(low, "low", 0.2), with_top(high, "high", 0.5)], level, (2.0, 2.0, 2.0))
-    assert made.names == ("low", "high")
-    assert made.facades == ("walls", "top", "walls", "top")
-    assert list(made.structure) == [0, 0, 1, 1]
-    patches = made.field.patches
+    structures = build_structures([with_top(low, "low", 0.2), with_top(high, "high", 0.5)], level, (2.0, 2.0, 2.0))
+    assert structures.names == ("low", "high")
+    assert structures.facades == ("walls", "top", "walls", "top")
+    assert list(structures.structure) == [0, 0, 1, 1]
+    patches = structures.field.patches
     area = np.bincount(patches.facade, patches.area)
     assert area == pytest.approx([2 * (10 + 20) * 8, 200, 2 * (20 + 8) * 16, 160])
     assert set(patches.friction[patches.facade < 2]) == {0.2}
@@ -129,9 +129,11 @@ def test_facades_keep_their_structure_their_area_and_their_friction(level):
 
 def test_a_facade_without_a_patch_above_ground_has_no_name(level):
     buried = box((60, 100, 95), (10, 20, 6))
-    made = build_structures([with_top(buried, "buried"), with_top(box((140, 100, 106), (20, 8, 20)), "house")], level, (2.0,) * 3)
-    assert made.names == ("buried", "house")
-    assert (made.facades, list(made.structure)) == (("walls", "top"), [1, 1])
+    structures = build_structures(
+        [with_top(buried, "buried"), with_top(box((140, 100, 106), (20, 8, 20)), "house")], level, (2.0,) * 3
+    )
+    assert structures.names == ("buried", "house")
+    assert (structures.facades, list(structures.structure)) == (("walls", "top"), [1, 1])
 
 
 def test_pieces_are_cut_where_the_ground_cuts_walls():
@@ -153,10 +155,10 @@ def test_pieces_are_cut_where_the_ground_cuts_walls():
 def test_crossings_do_not_depend_on_how_many_edges_are_tried_at_a_time(monkeypatch, pairs):
     both = trimesh.util.concatenate([box((0.0, 0.0, 0.0), (4, 4, 4)), box((0.6, 0.5, 2.0), (2, 2, 2))])
     monkeypatch.setattr(mesh_faults, "MOST_PAIRS", pairs)
-    found = crossings(Solid("two", np.asarray(both.vertices), np.asarray(both.faces), np.zeros(24, int), ("surface",), 0.4, "two"))
+    places = crossings(Solid("two", np.asarray(both.vertices), np.asarray(both.faces), np.zeros(24, int), ("surface",), 0.4, "two"))
     corners = {(x, y, 2.0) for x in (-0.4, 1.6) for y in (-0.5, 1.5)}
     diagonals = {(x, y, 2.0) for x, y in ((0.6, -0.5), (0.6, 1.5), (-0.4, 0.5), (1.6, 0.5), (-0.4, -0.4), (1.5, 1.5))}
-    assert {tuple(np.round(point, 9).tolist()) for point in found} == corners | diagonals
+    assert {tuple(np.round(point, 9).tolist()) for point in places} == corners | diagonals
 
 
 # --- plan, overhangs and patches -------------------------------------------------------------------------------------------
@@ -187,12 +189,12 @@ def overhangs_of(*cells):
 
 def test_overhangs_that_touch_are_one_body_with_the_volume_of_its_columns(level):
     """Three cells in a row with a level underside, and one far away; rows count from the north, places from the south."""
-    found = overhang_bodies(overhangs_of((10, 5, 110, 112), (10, 6, 110, 112), (10, 7, 110, 112), (30, 20, 105, 109)), level, 0.5)
-    assert [solid.place for solid in found] == [f"{level.source}: overhang of 3 cells", f"{level.source}: overhang of 1 cells"]
-    long, single = found
+    bodies = overhang_bodies(overhangs_of((10, 5, 110, 112), (10, 6, 110, 112), (10, 7, 110, 112), (30, 20, 105, 109)), level, 0.5)
+    assert [solid.place for solid in bodies] == [f"{level.source}: overhang of 3 cells", f"{level.source}: overhang of 1 cells"]
+    long, single = bodies
     np.testing.assert_allclose(long.box, [[25.0, 145.0, 110.0], [40.0, 150.0, 112.0]])
     np.testing.assert_allclose(single.box, [[100.0, 45.0, 105.0], [105.0, 50.0, 109.0]])
-    assert [volume(solid.vertices, solid.faces) for solid in found] == pytest.approx([3 * 25 * 2.0, 25 * 4.0])
+    assert [volume(solid.vertices, solid.faces) for solid in bodies] == pytest.approx([3 * 25 * 2.0, 25 * 4.0])
     assert (single.friction, single.clearance, single.name) == (0.5, 0.0, "overhang")
     assert set(single.facades) == {"east", "west", "north", "south", "top", "underside"}
 
@@ -206,8 +208,8 @@ def test_corners_of_overhangs_have_the_mean_of_their_cells_and_layers_are_bodies
 
 
 def test_a_wall_of_one_cell_and_a_rest_has_patches_of_about_a_cell(level):
-    made = build_structures([with_top(box((100.3, 100, 104), (20.6, 8, 12)), "house")], level, (2.0, 2.0, 2.0))
-    patches = made.field.patches
+    structures = build_structures([with_top(box((100.3, 100, 104), (20.6, 8, 12)), "house")], level, (2.0, 2.0, 2.0))
+    patches = structures.field.patches
     area = np.bincount(patches.facade, patches.area)
     assert area == pytest.approx([2 * (20.6 + 8) * 10, 20.6 * 8])
     for k in range(2):
