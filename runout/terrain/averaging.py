@@ -87,8 +87,8 @@ def smoothed(terrain: Terrain, length: float, file: str = "") -> Terrain:
 def block_means(terrain: Terrain, east: int, north: int, why: str) -> Terrain:
     """The terrain averaged over blocks of ``east`` x ``north`` cells; a change says so with the reason ``why``."""
     own, rows, columns = terrain.cell_size, terrain.shape[0] // north, terrain.shape[1] // east
-    kept = terrain.elevation[terrain.shape[0] - rows * north :, : columns * east]  # blocks start at the south-west corner
-    mean = kept.reshape(rows, north, columns, east).mean(axis=(1, 3))
+    whole_blocks = terrain.elevation[terrain.shape[0] - rows * north :, : columns * east]  # blocks start at the south-west corner
+    mean = whole_blocks.reshape(rows, north, columns, east).mean(axis=(1, 3))
     change = f"averaged over blocks of {east} x {north} cells to {own[0] * east:g} m x {own[1] * north:g} m ({why})"
     unknown = int(np.isnan(mean).sum())
     change += f"; {unknown} of {mean.size} blocks hold an unknown cell and are unknown" if unknown else ""

@@ -16,11 +16,11 @@ Value = TypeVar("Value")
 
 def content_key(*arrays: np.ndarray) -> bytes:
     """Checksum of types, shapes and values."""
-    found = hashlib.sha256()  # processors have instructions for it: half the time of blake2b
+    checksum = hashlib.sha256()  # processors have instructions for it: half the time of blake2b
     for values in map(np.ascontiguousarray, arrays):
-        found.update(repr((values.dtype.str, values.shape)).encode())
-        found.update(values)  # type: ignore[arg-type]  # its memory
-    return found.digest()
+        checksum.update(repr((values.dtype.str, values.shape)).encode())
+        checksum.update(values)  # type: ignore[arg-type]  # its memory
+    return checksum.digest()
 
 
 @dataclass

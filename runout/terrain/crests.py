@@ -79,8 +79,8 @@ class Crests:
             rows = np.ascontiguousarray(np.moveaxis(z, axis, 0))
             rough = 1.0 - smoothness_along(rows)
             for sign in (1.0, -1.0):
-                place, found = _along(sign * rows, rough, spacing, steps)
-                elevation, height, weight, tilt, trust, is_lid = found
+                place, values = _along(sign * rows, rough, spacing, steps)
+                elevation, height, weight, tilt, trust, is_lid = values
                 along, across = corner[axis] + (place[0] + 0.5) * cell, corner[1 - axis] + (place[1] + 0.5) * other
                 fixed = (np.full(len(weight), value) for value in (axis, cell))
                 signed = (sign * elevation, sign * height, weight, sign * tilt / cell, trust, is_lid > 0.0)
@@ -110,8 +110,8 @@ def kept(surface: Surface, crests: Crests) -> Surface:
     search, along, c = _Search(surface, crests), crests.along, surface.coefficients.flatten()
     for _ in range(SEARCH):
         along, reached = search.climb(c, along)[:2]
-    found = np.abs(along - crests.along) < (1.0 - 1e-9) * ASIDE * crests.cell  # else the surface rises on towards something else
-    crests, along, reached = crests.take(found), along[found], reached[found]
+    is_beside = np.abs(along - crests.along) < (1.0 - 1e-9) * ASIDE * crests.cell  # else the surface rises to something else
+    crests, along, reached = crests.take(is_beside), along[is_beside], reached[is_beside]
     most = LARGEST * np.abs(crests.height)
     aim = reached + crests.weight * np.clip(crests.elevation - reached, -most, most)
     search = _Search(surface, crests)
@@ -207,13 +207,13 @@ def _along(z: np.ndarray, rough: np.ndarray, spacing: float, steps: int) -> tupl
     halves[:, first + last, j] = z[first, j] + tilt * (place - first), height, weight, tilt, trust, 0.0 * trust, place
     crest = halves[2] > 0.0
     row, column = _indices(crest)
-    found = [(np.stack([halves[-1, row, column], column]), halves[:-1, row, column])]
+    parts = [(np.stack([halves[-1, row, column], column]), halves[:-1, row, column])]
     for cells in range(2, WIDEST):
         for edge in (first, last):
             e, c, *of_edge = (values[wide == cells] for values in (edge, j, height, weight, tilt, trust))
-            found.append((np.stack([e, c]), np.stack([z[e, c], *of_edge, np.ones(len(e))])))
-    found.append(_between(z, halves, crest, row, column, steps))
-    places, values = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
+            parts.append((np.stack([e, c]), np.stack([z[e, c], *of_edge, np.ones(len(e))])))
+    parts.append(_between(z, halves, crest, row, column, steps))
+    places, values = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     some = values[2] > 0.0
     return places[:, some], values[:, some]
 
@@ -223,7 +223,7 @@ def _bulges(rises: np.ndarray, rough: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
     ``rises`` are those from each cell to the next one [m], with :data:`WIDEST` more at both ends.
     """
-    found, is_rough = [], rough > 0.0
+    bulges, is_rough = [], rough > 0.0
     for wide in range(min(WIDEST, len(rough))):
         count = len(rough) - wide
         part = [rises[WIDEST - 1 + k : WIDEST - 1 + k + count] for k in range(wide + 2)]
@@ -231,8 +231,8 @@ def _bulges(rises: np.ndarray, rough: np.ndarray) -> tuple[np.ndarray, np.ndarra
         for inner in part[1:-1]:
             may &= (part[0] > inner) & (inner > part[-1])
         first, j = _indices(may)
-        found.append((first, j, np.full(len(first), wide)))
-    first, j, wides = (np.concatenate(part) for part in zip(*found, strict=True))
+        bulges.append((first, j, np.full(len(first), wide)))
+    first, j, wides = (np.concatenate(part) for part in zip(*bulges, strict=True))
     return first, j, wides
 
 

@@ -122,9 +122,9 @@ def _doubts(raster: ElevationRaster, values: np.ndarray, parameter: Parameter) -
         others = known[(known != value) & ((known != 0.0) | (value == 0.0))]
         is_far = value == 0.0 or (len(others) > 0 and (others.min() >= FAR * value or others.max() <= value / FAR))
         if share and is_far and value != parameter.default:
-            said = f"{parameter.key} is {value:g} on {100 * share:.3g} % of the cells of the terrain"
+            share_of_value = f"{parameter.key} is {value:g} on {100 * share:.3g} % of the cells of the terrain"
             others_are = f", {others.min():.4g} to {others.max():.4g} on the others" if len(others) else ""
-            yield f"{raster.source}: {said}{others_are}; {remedy.format(raster.stored(value), raster.source)}"
+            yield f"{raster.source}: {share_of_value}{others_are}; {remedy.format(raster.stored(value), raster.source)}"
 
 
 def _background(values: np.ndarray) -> float:
@@ -154,19 +154,19 @@ def _require_valid(raster: ElevationRaster, values: np.ndarray, points: np.ndarr
     wrong = known[low | (own > valid.high) | radians]
     if len(wrong):
         (east, north), value = points[wrong[0]], float(values[wrong[0]])
-        number, said = raster.stored(value), valid.allowed()
+        number, allowed = raster.stored(value), valid.allowed()
         if radians.any():
-            said = f"so small an angle looks like radians; if it is in radians, state it: gdal_edit.py -units rad {path}"
+            allowed = f"so small an angle looks like radians; if it is in radians, state it: gdal_edit.py -units rad {path}"
         raise ZoneError(
             f"{path}: {parameter.key} is {value:g} at easting {east:.2f}, northing {north:.2f}, {len(wrong)} cells in all; "
-            f"{said}; if {number:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {number:.9g} {path}"
+            f"{allowed}; if {number:g} marks cells without a value, declare it: gdal_edit.py -a_nodata {number:.9g} {path}"
         )
 
 
 def _numbers(values: np.ndarray, law: FrictionLaw, parameter: Parameter, number: str) -> np.ndarray:
     """What the law makes of values of a parameter (:meth:`BasalFriction.numbers`); 0 where they are NaN."""
     different, place = np.unique(values[~np.isnan(values)], return_inverse=True)
-    made = np.array([replace(law.example, **{parameter.name: value}).numbers()[number] for value in different.tolist()])
-    found = np.zeros(values.shape)
-    found[~np.isnan(values)] = made[place.ravel()]
-    return found
+    numbers = np.array([replace(law.example, **{parameter.name: value}).numbers()[number] for value in different.tolist()])
+    gridded = np.zeros(values.shape)
+    gridded[~np.isnan(values)] = numbers[place.ravel()]
+    return gridded

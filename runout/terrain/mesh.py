@@ -87,13 +87,13 @@ def read_mesh_terrain(
     ground, above = _sorted_crossings(column, z, up, path, first * step, (rows, columns), step)
     transform = (step, 0.0, first[0] * step, 0.0, -step, (first[1] + rows) * step)
     raster = ElevationRaster(ground, transform, None, "m", str(path))
-    made = prepare.terrain(coordinate_systems.with_stated(raster, crs))
-    if made.cell_size != (step, step):
+    terrain = prepare.terrain(coordinate_systems.with_stated(raster, crs))
+    if terrain.cell_size != (step, step):
         raise DemError(f"{path}: a mesh needs coordinates in metres; transform it to a projected system, state that in terrain.crs")
-    said = [f"{path}: its faces are turned upwards"] if turned else []
-    said.append(f"{len(corners)} triangles became {rows} x {columns} cells of {step:g} m, {len(above.row)} of them overhung")
+    sentences = [f"{path}: its faces are turned upwards"] if turned else []
+    sentences.append(f"{len(corners)} triangles became {rows} x {columns} cells of {step:g} m, {len(above.row)} of them overhung")
     north_west = first[0] * step, (first[1] + rows) * step
-    return replace(made, changes=(*said, *made.changes)), _moved(above, north_west, made)
+    return replace(terrain, changes=(*sentences, *terrain.changes)), _moved(above, north_west, terrain)
 
 
 def overhangs_on(path: str | PathLike[str], terrain: Terrain) -> Overhangs:
@@ -109,10 +109,10 @@ def overhangs_on(path: str | PathLike[str], terrain: Terrain) -> Overhangs:
     if east != north or np.abs(places - np.round(places)).max() > ASIDE:
         raise DemError(f"{file}: the cells of {terrain.source} are not those of a mesh; make it with Terrain.from_mesh")
     read, above = read_mesh_terrain(file, east, terrain.crs, terrain.extent)
-    found = _moved(above, (read.extent[0], read.extent[3]), terrain)
+    rock = _moved(above, (read.extent[0], read.extent[3]), terrain)
     rows, columns = terrain.shape
-    kept = (found.row >= 0) & (found.row < rows) & (found.column >= 0) & (found.column < columns)
-    return Overhangs(found.row[kept], found.column[kept], found.bottom[kept], found.top[kept])
+    inside = (rock.row >= 0) & (rock.row < rows) & (rock.column >= 0) & (rock.column < columns)
+    return Overhangs(rock.row[inside], rock.column[inside], rock.bottom[inside], rock.top[inside])
 
 
 def _moved(above: Overhangs, north_west: tuple[float, float], terrain: Terrain) -> Overhangs:
@@ -165,13 +165,13 @@ def _crossings(
     high = np.clip(np.floor(local[:, :, :2].max(1)).astype(int) + 1, 0, [columns, rows])
     size = np.maximum(high - low, 0)
     count = np.where(twice != 0, size.prod(1), 0)
-    found = []
+    crossings = []
     for part in np.array_split(np.arange(len(local)), max(1, int(count.sum()) // AT_ONCE + 1)):
         f = np.repeat(part, count[part])
         k = np.arange(len(f)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
         x, y = low[f, 0] + k // np.maximum(size[f, 1], 1), low[f, 1] + k % np.maximum(size[f, 1], 1)
-        found.append(_hits(local, twice, f, x, y, rows))
-    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))  # type: ignore[return-value]
+        crossings.append(_hits(local, twice, f, x, y, rows))
+    return tuple(np.concatenate(parts) for parts in zip(*crossings, strict=True))  # type: ignore[return-value]
 
 
 def _hits(local: np.ndarray, twice: np.ndarray, f: np.ndarray, x: np.ndarray, y: np.ndarray, rows: int) -> tuple[np.ndarray, ...]:
@@ -192,8 +192,8 @@ def _sorted_crossings(
     order = np.lexsort([z, column])
     column, z, up = column[order], z[order], up[order]
     same = (np.diff(column) == 0) & (np.diff(z) <= SAME * max(np.ptp(z), 1.0)) & (up[1:] == up[:-1])
-    kept = np.concatenate([[True], ~same])
-    column, z, up = column[kept], z[kept], up[kept]
+    is_new = np.concatenate([[True], ~same])
+    column, z, up = column[is_new], z[is_new], up[is_new]
     first = np.concatenate([[True], np.diff(column) != 0])
     place = np.arange(len(column)) - np.maximum.accumulate(np.where(first, np.arange(len(column)), 0))
     last = np.concatenate([first[1:], [True]])

@@ -134,9 +134,9 @@ class NetcdfElevation:
         header, variable = self.header, self.variable
         part = header.part(extent, DemError)
         unit = str(variable.attrs.get("units", "")) or None
-        values, said = _valid(np.array(variable[part.slices].values, dtype=np.float64), variable, self.what, header.source)
+        values, sentences = _valid(np.array(variable[part.slices].values, dtype=np.float64), variable, self.what, header.source)
         raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.said(part))
-        for sentence in (*self.sentences, *said):
+        for sentence in (*self.sentences, *sentences):
             raster = raster.noted(sentence)
         if self.is_depth:
             raster = raster.changed("values count downwards; elevation = -1 x value", values=-raster.values)
@@ -291,23 +291,23 @@ def _is_depth(variable: Any, text: str) -> bool:
 
 def _valid(values: np.ndarray, variable: Any, what: str, text: str) -> tuple[np.ndarray, list[str]]:
     """Values with NaN outside the valid range that the file states, and sentences on it and on the storage."""
-    encoding, said = variable.encoding, []
+    encoding, sentences = variable.encoding, []
     scale, offset = float(encoding.get("scale_factor", 1.0)), float(encoding.get("add_offset", 0.0))
     if scale == 0.0 or not np.isfinite([scale, offset]).all():
         packing = f"the scale_factor {scale:g} and the add_offset {offset:g}"
         raise DemError(f"{text}: variable {variable.name!r} has {packing}; write it anew with the right ones")
     stored = np.dtype(encoding.get("dtype", variable.dtype))
     if (scale, offset) != (1.0, 0.0):
-        said.append(f"the file stores packed numbers; {what} = {scale:g} x number + {offset:g}")
+        sentences.append(f"the file stores packed numbers; {what} = {scale:g} x number + {offset:g}")
     elif stored.kind in "iu" and what == "elevation":
-        said.append(f"elevations are whole numbers ({stored}); slopes are stepped by one unit a cell")
+        sentences.append(f"elevations are whole numbers ({stored}); slopes are stepped by one unit a cell")
     low, high = sorted(_limit(number, stored, scale, offset, encoding) for number in _stated_range(variable, text))
     half = abs(scale) / 2 if stored.kind in "iu" else 0.0
     outside = (values < low - half) | (values > high + half)
     if outside.any():
-        said.append(f"{int(outside.sum())} cells outside the valid range of the file, {low:g} to {high:g}, are unknown")
+        sentences.append(f"{int(outside.sum())} cells outside the valid range of the file, {low:g} to {high:g}, are unknown")
         values = np.where(outside, np.nan, values)
-    return values, said
+    return values, sentences
 
 
 def _stated_range(variable: Any, text: str) -> tuple[Any, Any]:

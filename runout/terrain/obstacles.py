@@ -65,6 +65,6 @@ def build(terrain: Terrain, path: str | PathLike[str], height: float | str, laye
         log.warning(change)
     obstacles = Obstacles(tuple(parts), min(2.0 * float(p.area / p.length) for p in polygons.polygons))
     area, lowest, highest = sum(part.area for part, _ in parts), min(obstacles.heights), max(obstacles.heights)
-    said = f"{source}: obstacles on {area:.4g} m2 change the ground by {lowest:g} to {highest:g} m"
-    changes = (*terrain.changes, *polygons.changes, *overlaps, said)
+    statement = f"{source}: obstacles on {area:.4g} m2 change the ground by {lowest:g} to {highest:g} m"
+    changes = (*terrain.changes, *polygons.changes, *overlaps, statement)
     return replace(terrain, elevation=terrain.elevation + raised.T[::-1], changes=changes), obstacles

@@ -21,21 +21,21 @@ def on_cells(parts: np.ndarray, values: np.ndarray, terrain: Terrain) -> tuple[n
     -------
     covered, weighted : ndarray (nx, ny)
         First index east, second north, from the south-west corner.
-    kept : list of (geometry, value)
+    parts_inside : list of (geometry, value)
     """
     import shapely
 
     inside = within_extent(parts, terrain.extent)
-    kept = [(part, float(value)) for part, value in zip(inside, values, strict=True) if part.area > 0]
+    parts_inside = [(part, float(value)) for part, value in zip(inside, values, strict=True) if part.area > 0]
     (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
     edges = np.arange(columns + 1) * dx, np.arange(rows + 1) * dy
     covered, weighted = np.zeros((columns, rows)), np.zeros((columns, rows))
-    for value in sorted({value for _, value in kept}):
-        united = shapely.union_all([part for part, own in kept if own == value])
+    for value in sorted({value for _, value in parts_inside}):
+        united = shapely.union_all([part for part, own in parts_inside if own == value])
         window, area = covered_window(shapely.transform(united, terrain.frame.to_local), edges)
         covered[window] += area / terrain.cell_area
         weighted[window] += value * area / terrain.cell_area
-    return covered, weighted, kept
+    return covered, weighted, parts_inside
 
 
 def covered_part(shape: Any, terrain: Terrain) -> tuple[tuple[slice, slice], np.ndarray]:

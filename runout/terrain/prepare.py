@@ -26,7 +26,7 @@ def terrain(raster: ElevationRaster) -> Terrain:
     raster that is geographic, in feet or in a system that distorts distances is projected to UTM. DemError for what
     cannot be mended without guessing.
     """
-    stated = raster.crs
+    system_of_file = raster.crs
     raster = north_up(raster)
     raster = in_unit_of(without_marks(raster), ELEVATION)
     require_plausible(raster)
@@ -38,9 +38,9 @@ def terrain(raster: ElevationRaster) -> Terrain:
     west, _, _, north = raster.bounds
     south = north - raster.values.shape[0] * dy  # rounds so that south + rows * dy gives back north to the last bit
     wkt = None if raster.crs is None else raster.crs.to_wkt()
-    is_own = raster.crs is None or stated is None or coordinate_systems.same(stated, raster.crs)
-    own = None if is_own else coordinate_systems.horizontal(stated).to_wkt()
-    height = coordinate_systems.vertical_name(stated)
+    is_own = raster.crs is None or system_of_file is None or coordinate_systems.same(system_of_file, raster.crs)
+    own = None if is_own else coordinate_systems.horizontal(system_of_file).to_wkt()
+    height = coordinate_systems.vertical_name(system_of_file)
     return Terrain(raster.values, (dx, dy), west, south, wkt, raster.source, raster.changes, own, height)
 
 
@@ -74,11 +74,13 @@ def without_marks(raster: ElevationRaster) -> ElevationRaster:
     """The raster without undeclared marks of unknown cells; DemError if only numbers too large for elevations are left."""
     largest = LARGEST_NUMBER / min(factor_to("m", raster.unit) or 1.0, 1.0)
     values, changes = known_or_nan(raster.values, raster.source, largest)
-    stated = raster.values[np.isfinite(raster.values) & ~np.isin(raster.values, NODATA_VALUES)]
-    if len(stated) and np.abs(stated).min() > largest and np.ptp(stated) > 0:
+    numbers_of_cells = raster.values[np.isfinite(raster.values) & ~np.isin(raster.values, NODATA_VALUES)]
+    if len(numbers_of_cells) and np.abs(numbers_of_cells).min() > largest and np.ptp(numbers_of_cells) > 0:
         remedy = f"state their unit, for example `gdal_edit.py -units mm {raster.source}`, or declare nodata"
-        numbers = f"{raster.stored(float(stated.min())):.9g} to {raster.stored(float(stated.max())):.9g}"
-        raise DemError(f"{raster.source}: all {len(stated)} numbers of its cells are {numbers}, no elevations in metres; {remedy}")
+        numbers = f"{raster.stored(float(numbers_of_cells.min())):.9g} to {raster.stored(float(numbers_of_cells.max())):.9g}"
+        raise DemError(
+            f"{raster.source}: all {len(numbers_of_cells)} numbers of its cells are {numbers}, no elevations in metres; {remedy}"
+        )
     return replace(raster, values=values, changes=(*raster.changes, *changes))
 
 
@@ -165,8 +167,8 @@ def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarr
 
     released = np.asarray(thickness) > 0
     if released.shape != terrain.shape or not 0 <= angle < np.pi / 2:
-        given = f"thickness has shape {released.shape} on a terrain of {terrain.shape}, angle is {angle:g} rad"
-        raise InputError(f"{terrain.source}: {given}; the shapes must agree and 0 <= angle < pi/2")
+        arguments = f"thickness has shape {released.shape} on a terrain of {terrain.shape}, angle is {angle:g} rad"
+        raise InputError(f"{terrain.source}: {arguments}; the shapes must agree and 0 <= angle < pi/2")
     if not released.any():
         return released
     dx, dy = terrain.cell_size

@@ -147,8 +147,8 @@ def _oscillation(windows: list[tuple[np.ndarray, np.ndarray]], axis: int, cell: 
     variance = spectrum(windows, axis)
     power, steep = variance / (1.0 / short - 1.0 / long), 2.0 * math.pi / (short * cell) * np.sqrt(variance)
     longer = np.minimum.accumulate(power[::-1])[::-1]
-    found = [k for k in range(len(BANDS) - 1) if power[k] > RISE * longer[k + 1] and steep[k] > STEEP]
-    return cell * BANDS[max(found, key=lambda k: steep[k])][0] if found else 0.0
+    steep_bands = [k for k in range(len(BANDS) - 1) if power[k] > RISE * longer[k + 1] and steep[k] > STEEP]
+    return cell * BANDS[max(steep_bands, key=lambda k: steep[k])][0] if steep_bands else 0.0
 
 
 def spectrum(windows: list[tuple[np.ndarray, np.ndarray]], axis: int) -> np.ndarray:

@@ -137,16 +137,16 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
     corner = first[0] * sizes[0], first[1] * sizes[1]
     edges = relief.standing_out(raster.means[cells])
     stays = np.maximum(raster.stays[cells], edges)
-    found = crests.Crests.of(raster.means[cells], sizes, min(grid))
-    share = np.maximum(*(stays[cell] for cell in relief.cells_of(found, stays.shape, sizes)))
-    found = replace(found, weight=found.weight * share).take(share > 0.0).moved(corner)
-    if not len(found.axis) and not edges.any():
+    points = crests.Crests.of(raster.means[cells], sizes, min(grid))
+    share = np.maximum(*(stays[cell] for cell in relief.cells_of(points, stays.shape, sizes)))
+    points = replace(points, weight=points.weight * share).take(share > 0.0).moved(corner)
+    if not len(points.axis) and not edges.any():
         return NodalSurface(surface, grid)
     middle = corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2
-    own = crests.kept(Surface(raster.coefficients(box), sizes, middle), found).coefficients
+    own = crests.kept(Surface(raster.coefficients(box), sizes, middle), points).coefficients
     if raster.on_cells:
         surface.coefficients[cells] += stays * (own - surface.coefficients[cells])
-        if not len(found.axis) or not needs_table(sizes, grid):
+        if not len(points.axis) or not needs_table(sizes, grid):
             return NodalSurface(surface, grid)
     low, high = (
         [round_of(sides[k] * size / h) + beyond for sides, size, h in zip(box, sizes, grid, strict=True)]
@@ -155,9 +155,9 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
     start, shape = (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
     filtered = surface.on_nodes(grid, start, shape)
     if raster.on_cells:
-        return NodalSurface(surface, grid, crests.kept(filtered, found).coefficients - filtered.coefficients, start)
+        return NodalSurface(surface, grid, crests.kept(filtered, points).coefficients - filtered.coefficients, start)
     raster.unfiltered.coefficients[cells] = own
-    nodes = crests.kept(raster.unfiltered.on_nodes(grid, start, shape), found)
+    nodes = crests.kept(raster.unfiltered.on_nodes(grid, start, shape), points)
     places = [(one + np.arange(count)) * h for one, count, h in zip(start, shape, grid, strict=True)]
     share = relief.between(stays, [place / size - one - 0.5 for place, size, one in zip(places, sizes, first, strict=True)])
     return NodalSurface(surface, grid, share * (nodes.coefficients - filtered.coefficients), start)

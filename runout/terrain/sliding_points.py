@@ -219,7 +219,7 @@ def _starts(releases: Sequence[Release], within: np.ndarray) -> tuple[np.ndarray
     """Releases (n,) and local positions (2, n) [m] of points for equal volumes, at places ``within`` (2, n) their cells."""
     points, cells = within.shape[1], [r.thickness[::-1].T.ravel() for r in releases]
     volume = np.cumsum(np.concatenate(cells))
-    found = np.searchsorted(volume, (np.arange(points) + 0.5) / points * volume[-1])
-    number, cell = np.divmod(found, len(cells[0]))
+    place_in_releases = np.searchsorted(volume, (np.arange(points) + 0.5) / points * volume[-1])
+    number, cell = np.divmod(place_in_releases, len(cells[0]))
     place = np.stack(np.divmod(cell, releases[0].terrain.shape[0])) + within
     return number, place * np.array(releases[0].terrain.cell_size)[:, None]

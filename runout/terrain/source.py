@@ -162,8 +162,8 @@ def _require_one_band(dataset: Any, text: str, bands: int, quantity: Quantity) -
         raise quantity.error(f"{text}: holds {len(names)} rasters; name one of them, for example {names[0]!r}")
     if bands != 1:
         remedy = f"`gdal_translate -b 1 {text} {quantity.name}.tif`"
-        said = f"has {bands} bands and does not say which is the {quantity.name}"
-        raise quantity.error(f"{text}: {said}; extract it, for example {remedy}")
+        fault = f"has {bands} bands and does not say which is the {quantity.name}"
+        raise quantity.error(f"{text}: {fault}; extract it, for example {remedy}")
 
 
 def _require_georeference(dataset: Any, text: str, quantity: Quantity) -> None:

@@ -119,7 +119,9 @@ def test_a_line_of_any_direction_is_passed_by_all_that_flies_over_it(backend):
 
 def test_discharge_is_positive_downhill_whichever_way_a_line_is_drawn():
     drawn = {"up": LINES["lower"], "down": LINES["lower"][::-1], "on_the_plain": [(1150.0, 2069.0), (1150.0, 2001.0)]}
-    for line in Probes({}, drawn).on(TERRAIN).cross_sections:
+    lines = Probes({}, drawn).on(TERRAIN).cross_sections
+    assert len(lines) == len(drawn)
+    for line in lines:
         assert line.vertices[0][1] > line.vertices[-1][1], line.name  # the east, which is lower, is on the left
 
 

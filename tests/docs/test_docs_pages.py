@@ -131,7 +131,9 @@ def test_readme_prints_the_two_commands_that_ci_runs(repository):
 
 def test_pictures_that_the_pages_show_exist(repository):
     for page in (repository / "README.md", repository / "docs" / "index.md"):
-        for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text()):
+        pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text())
+        assert pictures, page
+        for picture in pictures:
             assert (page.parent / picture).read_bytes().startswith(b"\x89PNG"), picture
 
 

@@ -171,7 +171,7 @@ def test_memory_of_an_aggregation_is_bounded_by_what_it_says(
     memory_bytes = 8 * 1024**2
     aggregate([tmp_path / "64x64"] * 4, [1.0] * 4, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=memory_bytes)  # imports
     extra = []
-    for rows, columns in ((128, 64), (128, 256)) if members > 24 else ((512, 256), (512, 1024)):
+    for rows, columns in ((64, 64), (64, 256)) if members > 24 else ((256, 256), (512, 512)):
         tracemalloc.start()
         w = [1.0] * members if weights == "equal" else np.arange(1.0, members + 1)
         paths = [tmp_path / f"{rows}x{columns}"] * members

@@ -26,8 +26,10 @@ from synthetic_ensemble import (
 
 from runout.errors import ExitCode, PartialEnsembleError, StorageError
 from runout.hazard.maps import HEADLINE_MAPS, TERRAIN_MAPS, map_layers
+from runout.hazard.members import Ensemble, members_file
 from runout.hazard.products import ground_slope, write_products
 from runout.io import netcdf
+from runout.io.member_maps import MemberMaps
 from runout.model.terrain import Terrain
 from runout.quantities import QUANTITIES
 from runout.variables import VARIABLES
@@ -265,6 +267,20 @@ def test_members_of_another_elevation_raster_are_refused(tmp_path: Path) -> None
         write_member(results / "members", number, moved)
     with pytest.raises(StorageError, match=r"0000\.nc: its grid is not that of dem\.tif; remove the members"):
         write_products(site, results, make_table(), None)
+
+
+def test_a_member_of_another_shape_is_refused_and_no_file_of_members_is_left(tmp_path: Path) -> None:
+    terrain, other = make_terrain(), make_terrain().part(slice(0, 30), slice(0, 40))
+    maps = {name: values[:30, :40] for name, values in member_maps(0).items()}
+    path = netcdf.write(netcdf.map_dataset(other, maps, title="other"), tmp_path / "0000.nc")
+    ensemble = Ensemble(make_table(), {0: path}, {})
+    with (
+        pytest.raises(StorageError, match=r"0000\.nc: its grid is not that of the other members; remove it"),
+        MemberMaps(path) as member,
+        members_file(ensemble, tmp_path / "members.nc", terrain, {}) as copy,
+    ):
+        copy(0, member)
+    assert not (tmp_path / "members.nc").exists()
 
 
 def test_the_slope_of_a_plane_is_its_angle() -> None:

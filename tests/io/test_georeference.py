@@ -24,8 +24,10 @@ def refusal(*transform: float) -> str:
         (0.01, 0.0, 1e9 * 0.01, 0.0, -0.01, -1e9 * 0.01),
     ],
 )
-def test_cells_and_places_as_maps_have_them_are_accepted(transform):
+def test_cells_and_places_as_maps_have_them_are_accepted_and_not_with_a_number_that_is_none(transform):
     require_usable(transform, "dem.tif", DemError)
+    for place in range(6):
+        assert "its georeference holds nan" in refusal(*transform[:place], math.nan, *transform[place + 1 :])
 
 
 def test_numbers_that_are_not_finite_are_named_with_the_command_that_mends_the_file():

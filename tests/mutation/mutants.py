@@ -1,4 +1,4 @@
-"""Small faults that a test should find: one changed operator, constant, condition, result or call."""
+"""Small faults that a test should find: one changed operator, constant, condition, result, call or argument."""
 
 import ast
 import random
@@ -13,6 +13,7 @@ ARITHMETIC = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.Floor
 ARITHMETIC |= {ast.BitAnd: "|", ast.BitOr: "&", ast.LShift: ">>", ast.RShift: "<<"}
 SWAPPED = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "floor": "ceil", "ceil": "floor"}
 SWAPPED |= {"any": "all", "all": "any", "argmin": "argmax", "argmax": "argmin", "sin": "cos", "cos": "sin"}
+UNCHANGED = ("strict", "examples")  # keyword arguments that say nothing to users, or are comments of a new site.yaml
 NO_STATEMENT = (ast.Raise, ast.JoinedStr, ast.Assert)  # texts of errors and what only a type checker needs
 
 
@@ -52,10 +53,10 @@ def mutants(path: str, source: bytes) -> list[Mutant]:
 
 
 def _changes(node: ast.AST) -> Iterator[tuple[ast.AST, str, str]]:
-    """Changes (node, operator, new text) within a node, without those of texts, annotations, decorators and ``zip(strict=)``."""
+    """Changes (node, operator, new text) within a node, without those of texts, annotations, decorators and :data:`UNCHANGED`."""
     if isinstance(node, ast.Raise):
         yield node, "removed raise", "pass"
-    if isinstance(node, NO_STATEMENT) or _is_for_type_checkers(node) or (isinstance(node, ast.keyword) and node.arg == "strict"):
+    if isinstance(node, NO_STATEMENT) or _is_for_type_checkers(node) or (isinstance(node, ast.keyword) and node.arg in UNCHANGED):
         return
     yield from ((node, operator, text) for operator, text in _of_expression(node))
     yield from _of_statement(node)
@@ -91,6 +92,10 @@ def _of_expression(node: ast.AST) -> Iterator[tuple[str, str]]:
         if name in SWAPPED:
             function = ast.unparse(node.func)
             yield "call", f"{function[: -len(name)]}{SWAPPED[name]}{ast.unparse(node)[len(function) :]}"
+        for keyword in node.keywords:
+            if keyword.arg is not None and keyword.arg not in UNCHANGED:
+                others = [other for other in node.keywords if other is not keyword]
+                yield "removed argument", ast.unparse(ast.Call(node.func, node.args, others))
 
 
 def _of_constant(value: object) -> Iterator[tuple[str, str]]:

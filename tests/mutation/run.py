@@ -32,7 +32,21 @@ TESTS = {
     "runout/physics": ["tests/physics"],
     "runout/hazard": ["tests/hazard", "tests/io/test_outlines.py"],
     "runout/release": ["tests/release", "tests/terrain/test_open_edge.py"],
-    "runout/terrain": ["tests/terrain", "tests/release/test_zone_polygons.py", "tests/release/test_other_systems.py"],
+    "runout/terrain": [
+        "tests/terrain",
+        "tests/release/test_zone_polygons.py",
+        "tests/release/test_other_systems.py",
+        "tests/laws/test_friction_rasters.py",
+        "tests/structures_input/test_mesh_terrain.py",
+    ],
+    "runout/scores": ["tests/scores"],
+    "runout/friction": ["tests/laws/test_friction_formulas.py", "tests/laws/test_friction_of_a_site.py"],
+    "runout/structures": [
+        "tests/structures_input",
+        "tests/structures/test_pressed_facades.py",
+        "tests/structures/test_patch_areas.py",
+    ],
+    "runout/config": ["tests/config"],
     "runout/io": ["tests/io", "tests/security", "tests/release", "tests/terrain"],
 }
 COMPILING = ["tests/physics/test_parity.py", "tests/physics/test_compile_cache.py", "tests/physics/test_single_precision_series.py"]

@@ -86,7 +86,7 @@ def test_nodata_of_the_terrain_under_the_raster_is_refused(write_raster, terrain
 def test_missing_empty_and_foreign_files_are_refused(write_raster, terrain, tmp_path):
     with pytest.raises(ReleaseError, match="no such file"):
         Release.from_raster(tmp_path / "absent.tif", terrain)
-    with pytest.raises(ReleaseError, match="the release is empty"):
+    with pytest.raises(ReleaseError, match="the release is empty; the raster is 0 or nodata everywhere"):
         Release.from_raster(write_raster(np.zeros((40, 60))), terrain)
     text = tmp_path / "thickness.txt"
     text.write_text("no raster")

@@ -16,6 +16,7 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
+from runout.release.columns import Columns
 from runout.release.sample import column_thickness, particles_per_axis
 
 TRIANGLE = shapely.Polygon([(31.3, 22.7), (131.3, 22.7), (72.9, 122.7)])
@@ -59,6 +60,24 @@ def test_column_thickness_of_an_array_is_that_of_its_cells(terrain):
     np.testing.assert_allclose(fine, expected, atol=1e-12)
     whole = column_thickness(release, np.array([90.0, 110.0]), np.array([140.0, 160.0]))
     assert whole[0, 0] == pytest.approx(6.0 * 25.0 / 400.0, rel=1e-12)
+
+
+def test_particles_of_columns_hold_the_volume_and_films_get_none(terrain):
+    values = np.zeros(terrain.shape)
+    values[10, 20:24] = (
+        6.0,
+        9.0,
+        1.3e-6,
+        0.9e-6,
+    )  # columns of two by one cells: that of the row below is thinner than a millionth of a layer
+    values[12, 20:22] = 0.99e-6
+    columns = Columns.of(Release(values, terrain), (10.0, 5.0), 1.0)
+    assert len(columns) == 2
+    assert columns.thickness == pytest.approx([7.5, 1.1e-6])
+    assert columns.rows.tolist() == [8, 1]
+    assert columns.volumes == pytest.approx([7.5 * 50.0 / 8, 55e-6])
+    with pytest.raises(ReleaseError, match=r"is thinner than 0.001 m everywhere; check the unit"):
+        Columns.of(Release(np.minimum(values, 9e-4), terrain), (10.0, 5.0), 1e3)
 
 
 def test_lattice_that_misses_a_part_of_the_release_is_refused(terrain):

@@ -8,6 +8,8 @@ import pytest
 import runout
 from runout import scores
 from runout.scores import scoring
+from runout.scores.assessment import Assessment, Setting, add_areas
+from runout.scores.definitions import Pair
 from runout.studies.convergence import compared
 
 BARS = scores.ErrorBars(
@@ -28,13 +30,60 @@ def test_scores_are_a_lazy_part_of_the_public_interface():
         assert getattr(scores, name) is not None
 
 
-def test_every_definition_holds_its_best_value_and_says_what_it_is():
+SHARES = {"csi", "pod", "far", "brier", "erosion_csi", "deposition_csi"}
+RATIOS = {"area_bias", "width_bias", "volume_bias", "erosion_volume_bias", "deposition_volume_bias"}
+DIFFERENCES = {"bias", "front_error", "lateral_shift", "energy_line_error_deg", "arrival_bias"}
+MAGNITUDES = {"rmse", "relative_l1", "lateral_error", "arrival_rmse", "missed_arrivals"}
+RANGES = dict.fromkeys(SHARES, "0 to 1") | dict.fromkeys(RATIOS | MAGNITUDES, "0 or more") | dict.fromkeys(DIFFERENCES, "any")
+
+
+def test_every_score_has_the_range_of_its_kind_and_says_what_it_is():
+    assert {name: one.range for name, one in scores.DEFINITIONS.items()} == RANGES
     for name, one in scores.DEFINITIONS.items():
-        assert one.low <= one.best <= one.high, name
+        assert one.best == (1.0 if name in RATIOS or name.endswith(("csi", "pod")) else 0.0), name
         assert one.meaning
         assert one.undefined
         assert one.title
-        assert one.range
+
+
+def test_a_table_of_members_has_one_score_of_each_kind_of_evidence():
+    headlines = {name for name, one in scores.DEFINITIONS.items() if one.is_headline}
+    of_changes = {"erosion_volume_bias", "deposition_volume_bias", "deposition_csi"}
+    assert headlines == {"csi", "volume_bias", "rmse", "front_error", "arrival_bias", *of_changes}
+
+
+def evidence_of(modelled, observed):
+    """All kinds of evidence that two maps (rows, columns) give, by their names."""
+    line, places = scores.Thalweg(np.array([[0.0, 45.0], [300.0, 45.0]])), 10.0 * np.arange(max(modelled.shape)) + 5.0
+    axes = places[: modelled.shape[1]], places[: modelled.shape[0]][::-1]
+    errors = scores.field_errors(modelled, observed, 100.0)
+    return {
+        "area": scores.contingency(modelled > 0, observed > 0, 100.0),
+        "field": errors,
+        "volume": errors,
+        "maps": Pair(modelled, observed, 100.0),
+        "thalweg": scores.thalweg_errors(line, *axes, modelled > 0, observed > 0),
+        "arrival": scores.arrival_errors(modelled.ravel(), observed.ravel()),
+        "points": scores.point_errors(modelled.ravel(), observed.ravel()),
+        "change": scores.change_errors(modelled - 0.5, observed - 0.5, 100.0, 0.1),
+    }
+
+
+def test_a_perfect_model_has_the_best_value_of_every_score_and_another_one_has_not():
+    rng = np.random.default_rng(4)
+    observed, other = np.zeros((2, 9, 20))
+    observed[3:7, 2:12], other[4:9, 2:15] = rng.random((4, 10)), 2.0 + rng.random((5, 13))
+    other[3, 2] = math.inf  # never reached
+    perfect, wrong = evidence_of(observed, observed), evidence_of(np.where(np.isinf(other), 0.0, other), observed)
+    wrong["arrival"] = scores.arrival_errors(other.ravel(), observed.ravel())
+    for kind, evidence in perfect.items():
+        found = list(scoring.scores_of(kind, "flow", evidence, "m"))
+        assert bool(found) == (kind != "maps")
+        for score, less in zip(found, scoring.scores_of(kind, "flow", wrong[kind], "m"), strict=True):
+            definition = score.definition
+            assert score.value == pytest.approx(definition.best, abs=1e-12), (kind, score.name)
+            assert definition.low <= less.value <= definition.high, (kind, score.name)
+            assert abs(less.value - definition.best) > 0.01, (kind, score.name)
 
 
 def test_scores_of_areas_carry_the_error_bars_of_the_site():
@@ -74,6 +123,23 @@ def test_front_and_energy_line_carry_the_error_of_the_front():
     expected = [math.degrees(math.atan((120 - (100 - 0.5 * s)) / s)) for s in (110.0, 100.0, 122.0)]
     assert angle.value == pytest.approx(expected[0] - expected[1], abs=0.02)
     assert angle.numerical_error == pytest.approx(abs(expected[2] - expected[0]), abs=0.02)
+
+
+def test_the_error_of_the_front_of_the_flow_is_no_error_of_the_front_of_a_deposit():
+    grid = scores.Grid(0.0, 0.0, (10.0, 10.0), (9, 20))
+    modelled, observed = np.zeros((2, 9, 20))
+    modelled[3:6, 2:15], observed[3:6, 2:12] = 1.0, 1.0
+    line = scores.Thalweg(np.array([[0.0, 45.0], [200.0, 45.0]]))
+    ground = np.tile(200.0 - 0.5 * grid.easting, (9, 1))
+    setting = Setting([0.5], BARS, line, scores.ReleasePoint(5.0, 45.0, 197.5), ground)
+    known = {}
+    for quantity in ("thickness", "deposit"):
+        assessment = Assessment()
+        add_areas(assessment, quantity, grid, modelled, observed, quantity, 0.5, setting)
+        known[quantity] = {s.name for s in assessment.scores if s.numerical_error is not None}
+        assert len(assessment.scores) == 9
+    assert {"front_error", "energy_line_error_deg", "csi"} <= known["thickness"]
+    assert known["deposit"] == set()
 
 
 @pytest.mark.parametrize(

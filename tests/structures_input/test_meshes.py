@@ -65,6 +65,7 @@ def test_several_bodies_of_a_file_are_structures_of_their_own_and_cavities_are_n
     trimesh.util.concatenate(parts).export(tmp_path / "two.obj")
     read = bodies(tmp_path / "two.obj", level, name="house")
     assert [s.name for s in read.solids] == ["house 1", "house 2"]
+    assert [s.place for s in read.solids] == [f"{tmp_path / 'two.obj'}: body 'house' {number}" for number in (1, 2)]
     assert sorted(volume(s.vertices, s.faces) for s in read.solids) == pytest.approx([960 - 64, 1000])
 
 

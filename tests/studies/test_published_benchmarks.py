@@ -116,6 +116,7 @@ def test_stronger_sand_runs_out_less(record):
 
 
 def test_the_flow_keeps_its_mass_and_moves_down_the_path(record):
+    assert record["site"]
     for row in record["site"]:
         assert row["mass_error"] < 1e-6
         assert row["runout"] > 2 * site.HALF_AXES[0]

@@ -248,6 +248,15 @@ def test_a_depth_has_to_say_which_way_it_counts(file, read, tmp_path, name, chos
     np.testing.assert_array_equal(read(name if chosen else None).elevation, Z)
 
 
+def test_of_several_variables_in_layers_the_elevation_is_named_with_the_command_that_cuts_it(file, read):
+    file.createDimension("time", 2)
+    add(file, "time", [30.0, 31.0], ("time",), units="days since 2020-01-01", axis="T")
+    add(file, "elevation", np.stack([Z, Z]), ("time", "y", "x"), units="m")
+    add(file, "temperature", np.stack([OTHER, OTHER]), ("time", "y", "x"), units="K")
+    with pytest.raises(DemError, match=r"variable 'elevation' has the dimensions time \(2\), y \(10\), x \(12\); keep one layer"):
+        read()
+
+
 def test_a_time_of_one_is_left_out_with_a_word_and_more_are_refused(file, read, tmp_path):
     file.createDimension("time", None)
     add(file, "time", [30.0], ("time",), units="days since 2020-01-01", axis="T")

@@ -28,6 +28,7 @@ def site_of(tmp_path, text, low, high, end, members=3):
 def test_steps_and_particle_steps_are_forecast_within_a_factor_of_one_and_a_half(tmp_path, case):
     site = site_of(tmp_path, *CASES[case])
     members = plan_members(site)
+    assert len(members) == 3
     for member, expected in zip(members, flow_forecast.member_steps(site, members), strict=True):
         result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
         assert 1 / 1.5 < expected.steps / result.steps < 1.5
@@ -94,6 +95,7 @@ def test_steps_against_friction_that_depends_on_the_speed_are_forecast_within_a_
     text = text.replace("low: 12, high: 22", "low: {}, high: {}".format(*ends)).replace("members: 4", "members: 2")
     site = runout.read_site(write_site(tmp_path / "ramp", text))
     members = plan_members(site)
+    assert len(members) == 2
     for member, expected in zip(members, flow_forecast.member_steps(site, members), strict=True):
         arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1, "precision": "float64"}
         result = runout.simulate(**arguments)
