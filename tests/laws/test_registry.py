@@ -254,3 +254,19 @@ def test_entry_points_of_all_packages_are_read_once_a_search_path(monkeypatch):
         LAWS.names()
         FRICTIONS.names()
     assert len(read) == 1
+
+
+@pytest.mark.parametrize("law", LAWS.of_runout(), ids=lambda law: law.name)
+def test_every_law_of_runout_is_set_sampled_and_checked_in_a_site(tmp_path, law):
+    own = [p for p in law.parameters if p.name not in {q.name for q in LAWS.find("elastic").parameters}]
+    numbers = {p.key: p.typical for p in own if p.valid}
+    block = "".join(f", {key}: {value!r}" for key, value in numbers.items())
+    (*_, drawn) = [p for p in law.parameters if p.sampled and p.valid and p.typical > p.valid.low and p.name != "youngs_modulus"]
+    low = 0.9 * drawn.typical + 0.1 * drawn.valid.low
+    distribution = f"    {drawn.key}: {{distribution: uniform, low: {low!r}, high: {drawn.typical!r}}}\n"
+    text = SITE.replace(DP, f"law: {law.name}{block}}}").replace(SAMPLED, SAMPLED + distribution)
+    folder = write_site(tmp_path / "site", text)
+    material = runout.read_site(folder).material({drawn.key: low})
+    assert type(material) is law.declaration
+    assert getattr(material, drawn.name) == low
+    assert inspect(folder).problems == []
