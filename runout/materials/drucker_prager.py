@@ -109,14 +109,19 @@ CONES = {
 }
 
 
+def apex(intercept: Any, mat: Any):
+    """Hencky strain of the apex of a cone."""
+    bulk = mat.lame_lambda + real(2.0) * mat.shear_modulus / real(3.0)
+    return isotropic(intercept / (real(3.0) * bulk * mat.cone_slope))
+
+
 def return_to_cone(h: Any, mat: Any):
     """Hencky strain of the admissible stress nearest along the deviator, or of the apex."""
     p = pressure(h, mat)
     q = deviatoric_stress(h, mat)
     limit = mat.cone_slope * p + mat.cone_intercept
     if limit <= real(0.0):
-        bulk = mat.lame_lambda + real(2.0) * mat.shear_modulus / real(3.0)
-        return isotropic(mat.cone_intercept / (real(3.0) * bulk * mat.cone_slope))
+        return apex(mat.cone_intercept, mat)
     if q <= limit:
         return h
     return shifted(scaled(deviator(h), limit / q), trace(h) * (real(1.0) / real(3.0)))

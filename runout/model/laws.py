@@ -51,11 +51,12 @@ class Law(RegisteredLaw[Material]):
         """Names of the numbers of a parameter record."""
         return tuple(self.example.record())
 
-    def table(self, materials: tuple[Material, ...], dtype: Any = float) -> "np.ndarray":
-        """Structured array (materials,) of the records."""
+    def table(self, materials: tuple[Material, ...], dtype: Any = float, cell_size: float = 1.0) -> "np.ndarray":
+        """Structured array (materials,) of the records, for cells of ``cell_size`` [m]."""
         import numpy as np
 
-        records = [m.record() for m in materials]
+        cell = {"cell_size": cell_size} if "cell_size" in self.fields else {}
+        records = [m.record() | cell for m in materials]
         return np.array([tuple(r[f] for f in self.fields) for r in records], dtype=[(f, dtype) for f in self.fields])
 
     @cached_property

@@ -1,4 +1,4 @@
-"""A law from outside the package: the example of the documentation, importable here and in other processes."""
+"""A law from outside the package, importable here and in other processes."""
 
 import sys
 from pathlib import Path
@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "docs" / "examples"
-sys.path[:0] = [str(EXAMPLES), str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "backends"), str(ROOT / "tests" / "workflow")]
+sys.path[:0] = [str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "backends"), str(ROOT / "tests" / "workflow")]
 
 
 def install(folder: Path, package: str, group: str, source: Path) -> Path:
@@ -24,7 +23,7 @@ def install(folder: Path, package: str, group: str, source: Path) -> Path:
 @pytest.fixture
 def installed(tmp_path):
     """Folder of an installed package whose entry point names the law of the material."""
-    return install(tmp_path / "installed", "mud-laws", "runout.laws", EXAMPLES / "herschel_bulkley.py")
+    return install(tmp_path / "installed", "mud-laws", "runout.laws", Path(__file__).with_name("quadratic_flow.py"))
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import herschel_bulkley
 import numpy as np
 import pytest
+import quadratic_flow
 import xarray as xr
-from herschel_bulkley import HerschelBulkley
+from quadratic_flow import QuadraticFlow
 from ramp_site import SITE, write_site
 from scenes import scene
 
@@ -34,7 +34,7 @@ from runout.workflow.check import inspect
 
 ROOT = Path(__file__).parents[2]
 DP = "friction_angle_deg: 30}"
-MUD = SITE.replace(DP, "law: herschel_bulkley, yield_stress: 500, consistency: 50}")
+MUD = SITE.replace(DP, "law: quadratic_flow, yield_stress: 500, viscosity: 50}")
 SAMPLED = "    basal_friction_angle_deg: {distribution: uniform, low: 12, high: 22}\n"
 
 
@@ -78,12 +78,12 @@ def test_every_law_is_public():
 
 def test_settings_of_a_law_from_outside_derive_from_its_declarations(tmp_path):
     site = runout.read_site(
-        write_site(tmp_path / "site", MUD.replace(SAMPLED, "    flow_index: {distribution: uniform, low: 0.3, high: 0.9}\n"))
+        write_site(tmp_path / "site", MUD.replace(SAMPLED, "    collisions: {distribution: uniform, low: 3, high: 9}\n"))
     )
-    material = site.material({"flow_index": 0.4})
-    assert isinstance(material, HerschelBulkley)
-    assert (material.yield_stress, material.consistency, material.flow_index, material.density) == (500.0, 50.0, 0.4, 2000.0)
-    assert site.computed()["material"]["source"] == LAWS.find("herschel_bulkley").fingerprint  # members follow a changed law
+    material = site.material({"collisions": 4.0})
+    assert isinstance(material, QuadraticFlow)
+    assert (material.yield_stress, material.viscosity, material.collisions, material.density) == (500.0, 50.0, 4.0, 2000.0)
+    assert site.computed()["material"]["source"] == LAWS.find("quadratic_flow").fingerprint  # members follow a changed law
     assert inspect(tmp_path / "site").problems == []
 
 
@@ -94,18 +94,18 @@ def test_settings_of_a_law_from_outside_derive_from_its_declarations(tmp_path):
         (MUD.replace("yield_stress: 500, ", ""), "material.yield_stress: required key is missing; add it: shear stress below"),
         (MUD.replace("yield_stress", "yield_stres"), "material.yield_stres: unknown key; did you mean 'yield_stress'"),
         (
-            MUD.replace("herschel_bulkley", "herschel_bulkly"),
-            "material.law: 'herschel_bulkly' is not known; did you mean 'herschel_bulkley'",
+            MUD.replace("quadratic_flow", "quadratic_flo"),
+            "material.law: 'quadratic_flo' is not known; did you mean 'quadratic_flow'",
         ),
-        (MUD.replace("herschel_bulkley", "./my_law.py"), "material.law: './my_law.py' is not known"),
-        (MUD.replace("herschel_bulkley", "os"), "material.law: 'os' is not known"),
+        (MUD.replace("quadratic_flow", "./my_law.py"), "material.law: './my_law.py' is not known"),
+        (MUD.replace("quadratic_flow", "os"), "material.law: 'os' is not known"),
         (
             MUD.replace(SAMPLED, "    friction_angle_deg: {distribution: uniform, low: 12, high: 22}\n"),
-            "friction_angle_deg: the law herschel_bulkley has no such parameter; remove it, or use law: drucker_prager",
+            "friction_angle_deg: the law quadratic_flow has no such parameter; remove it, or use law: .* or drucker_prager",
         ),
         (
-            MUD.replace(SAMPLED, "    flow_index: {distribution: uniform, low: 0.1, high: 0.9}\n"),
-            "flow_index: it can give 0.1; the parameter must be at least 0.2",
+            MUD.replace(SAMPLED, "    collisions: {distribution: uniform, low: -1, high: 9}\n"),
+            "collisions: it can give -1 Pa s2; the parameter must be at least 0",
         ),
     ],
 )
@@ -218,7 +218,7 @@ def test_a_law_needs_a_name_of_its_own_and_declared_parameters():
 
 def test_a_changed_law_is_compiled_anew(tmp_path, monkeypatch):
     """The same name and class; only a number in the source differs."""
-    source = Path(herschel_bulkley.__file__).read_text().replace("herschel_bulkley", "changing")
+    source = Path(quadratic_flow.__file__).read_text().replace("quadratic_flow", "changing")
     kernel = tmp_path / "kernel.py"
     kernel.write_text(
         "def law_return(h, history, mat):\n    return h\n\ndef left(h, mat):\n    return law_return(h, 0.0, mat)[0][3]\n"
@@ -230,7 +230,9 @@ def test_a_changed_law_is_compiled_anew(tmp_path, monkeypatch):
         law, numbers = LAWS.find("changing"), numba_binding(np.float64, False)
         keys.add(run_key(scene(materials=(law.example,)), Particles.zeros(0)))
         kernels = numbers.kernels(loaded("kernel", kernel, monkeypatch), law_return=numbers.law(law).update)
-        found.append(kernels.left((-1e-2, -1e-2, -1e-2, 1e-2, 0.0, 0.0), law.table((law.example,))[0]))
+        table = law.table((law.example,))
+        law.set_step(table, 1e-3)
+        found.append(kernels.left((-1e-2, -1e-2, -1e-2, 1e-2, 0.0, 0.0), table[0]))
     assert found[0] == pytest.approx(found[1] * np.sqrt(1.5))
     assert len(keys) == 2  # nor does a run go on from a checkpoint of the law as it was
 
@@ -252,3 +254,19 @@ def test_entry_points_of_all_packages_are_read_once_a_search_path(monkeypatch):
         LAWS.names()
         FRICTIONS.names()
     assert len(read) == 1
+
+
+@pytest.mark.parametrize("law", LAWS.of_runout(), ids=lambda law: law.name)
+def test_every_law_of_runout_is_set_sampled_and_checked_in_a_site(tmp_path, law):
+    own = [p for p in law.parameters if p.name not in {q.name for q in LAWS.find("elastic").parameters}]
+    numbers = {p.key: p.typical for p in own if p.valid}
+    block = "".join(f", {key}: {value!r}" for key, value in numbers.items())
+    (*_, drawn) = [p for p in law.parameters if p.sampled and p.valid and p.typical > p.valid.low and p.name != "youngs_modulus"]
+    low = 0.9 * drawn.typical + 0.1 * drawn.valid.low
+    distribution = f"    {drawn.key}: {{distribution: uniform, low: {low!r}, high: {drawn.typical!r}}}\n"
+    text = SITE.replace(DP, f"law: {law.name}{block}}}").replace(SAMPLED, SAMPLED + distribution)
+    folder = write_site(tmp_path / "site", text)
+    material = runout.read_site(folder).material({drawn.key: low})
+    assert type(material) is law.declaration
+    assert getattr(material, drawn.name) == low
+    assert inspect(folder).problems == []

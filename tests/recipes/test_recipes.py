@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 TESTS = [ROOT / "tests" / name for name in ("workflow", "hazard")]
 
 RECIPES = dict(re.findall(r"`(runout/[\w/]+\.py)`:\n\n```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(), re.S))
-MUD = (ROOT / "docs" / "examples" / "herschel_bulkley.py").read_text()
+MUD = (ROOT / "tests" / "laws" / "quadratic_flow.py").read_text()
 DRAG = (ROOT / "tests" / "laws" / "drag_by_load.py").read_text()
 QUICK = SITE.replace("members: 4", "members: 2").replace("end_time: 20", "end_time: 1, backend: reference")
 
@@ -134,8 +134,8 @@ def test_a_format_of_the_maps_is_written_with_the_products(tmp_path):
     ("path", "text", "name", "before", "block"),
     [
         (
-            "runout/materials/herschel_bulkley.py", MUD, "HerschelBulkley", "friction_angle_deg: 30}",
-            "law: herschel_bulkley, yield_stress: 500, consistency: 50}",
+            "runout/materials/quadratic_flow.py", MUD, "QuadraticFlow", "friction_angle_deg: 30}",
+            "law: quadratic_flow, yield_stress: 500, viscosity: 50}",
         ),
         (
             "runout/friction/drag_by_load.py", DRAG, "DragByLoad", "basal_friction_angle_deg: 20\n",

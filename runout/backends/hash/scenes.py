@@ -60,7 +60,7 @@ class SceneArrays:
         first, many = scenes[0], len(scenes)
         self.scenes, self.number = scenes, wp.float32 if first.precision == "float32" else wp.float64
         materials = [m for scene in scenes for m in scene.materials]
-        self.table = first.law.table(tuple(materials), first.dtype)
+        self.table = first.law.table(tuple(materials), first.dtype, min(first.spacing))
         self.materials = wp.array(self.table, dtype=kernels.record)
         self.first_release = np.cumsum([0, *(len(scene.materials) for scene in scenes)])
         extents = np.array([extent(scene) for scene in scenes])

@@ -73,7 +73,8 @@ class ReferenceBackend:
         self.spacing = np.array(scene.spacing, np.float64)
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
         self.loops = compiled_loops(scene.law, scene.basal.law)
-        self.table, self.basal, self.pores = scene.law.table(scene.materials), scene.basal.table(), scene.pore_table()
+        self.table, self.basal = scene.law.table(scene.materials, cell_size=min(scene.spacing)), scene.basal.table()
+        self.pores = scene.pore_table()
         self._p = given.take(np.argsort(given.identity, kind="stable"))
         self.particle_volume = given.sums(scene.densities).mean_volume
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0

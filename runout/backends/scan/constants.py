@@ -61,7 +61,7 @@ class Tables:
             spacing=spacing, gravity=np.array(scene.gravity, np.float64), corner=corner, dv=np.zeros(16, real),
         )  # fmt: skip
         none = (real(0),) * 3
-        mats = scene.law.table(scene.materials, real)
+        mats = scene.law.table(scene.materials, real, min(scene.spacing))
         moduli = np.stack([mats[name] for name in MODULI], axis=1)
         step, domain = TimeStep(mats, real(0), none, none), domain_of(scene, corner)
         drag, pores = _free_drag(scene, basal), scene.pore_table(real)

@@ -4,7 +4,7 @@ Plane strain takes a slice of :data:`ACROSS` cells with one particle a cell acro
 mirror image of the body.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -15,11 +15,13 @@ from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from runout.physics import elastic
 from runout.release import stagger
 from runout.studies.verification_cases.bodies import filled, transfer
 from runout.studies.verification_cases.closed_forms import GRAVITY
 
 ACROSS = 4  # cells across a slice: the shortest period of the grid
+PERIOD = 4  # cells along an endless slope
 CHUNK = 12  # steps of one length: whole transfers
 BASE = 40.35  # [cells] of a level floor above the origin
 
@@ -111,6 +113,27 @@ def rectangle(length: float, height: float, spacing: float, start: float = 0.0) 
     """Places (n, 2) [m] of particles in a rectangle that begins at ``start`` [m], two of a cell along each axis."""
     x, z = (np.arange(round(2 * s / spacing)) * spacing / 2 + spacing / 4 for s in (length, height))
     return np.stack(np.meshgrid(start + x, z, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def endless_slope(
+    material: Material, depth: float, cells: int, slope_deg: float, profile: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+) -> tuple[Scene, Particles, np.ndarray]:
+    """A layer in steady flow down an endless slope, on a floor that holds, and the heights (n,) [m] of its particles.
+
+    Along the slope it repeats after :data:`PERIOD` cells. Normal stresses are equal. ``profile`` returns speeds [m/s] and shear
+    rates [1/s] at heights [m].
+    """
+    h, slope = depth / cells, np.radians(slope_deg)
+    scene = level_scene(h, ((PERIOD + 1) * h, 0.0), material, 10.0, slope_deg)
+    plane = rectangle(PERIOD * h, depth, h, 0.5 * h)
+    p = slice_of(plane, h**3 / 4, scene)
+    height = np.tile(plane[:, 1], ACROSS)
+    bulk = material.lame_lambda + 2 * material.shear_modulus / 3
+    for k, stress in enumerate(material.density * GRAVITY * np.cos(slope) * (depth - height)):
+        mean, shear = -stress / (3 * bulk), stress * np.tan(slope) / (2 * material.shear_modulus)
+        p.strain[k] = elastic.strain_of_log((mean, mean, mean, 0.0, 0.0, shear))
+    p.velocity[:, 0], p.affine[:, 0, 2] = profile(height)
+    return scene, p, height
 
 
 def press(p: Particles, depth: np.ndarray, scene: Scene, at_rest: float = 1.0) -> None:

@@ -5,7 +5,6 @@ import numpy as np
 from runout.materials.granular_flow import GranularFlow
 from runout.model.particles import Particles
 from runout.model.scene import Scene
-from runout.physics import elastic
 from runout.studies.verification_cases import flow
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.finding import Bound, Case, Convergence, Result
@@ -14,7 +13,6 @@ from runout.studies.verification_cases.flow import Frame
 DEPTH, GRAIN, TIME = 0.05, 1e-3, 0.2  # [m], [m], [s]
 STATIC, DYNAMIC, CONSTANT = 0.38, 0.64, 0.3
 STIFFNESS = 1000.0  # bulk modulus over the weight of the depth
-PERIOD = 4  # cells along the slope
 FRAMES = 20
 
 
@@ -41,18 +39,9 @@ def bagnold(height: np.ndarray, slope_deg: float) -> tuple[np.ndarray, np.ndarra
 def drift(cells: int, slope_deg: float, samples: int = 1) -> tuple[float, float]:
     """Relative L2 of the speed after :data:`TIME` from the exact state, and the share of the drop of potential energy that
     is not accounted for if ``samples`` steps are watched."""
-    h, slope, material = DEPTH / cells, np.radians(slope_deg), grains()
-    scene = flow.level_scene(h, ((PERIOD + 1) * h, 0.0), material, 10.0, slope_deg)
-    plane = flow.rectangle(PERIOD * h, DEPTH, h, 0.5 * h)
-    p = flow.slice_of(plane, h**3 / 4, scene)
-    height = np.tile(plane[:, 1], flow.ACROSS)
-    pressure = material.density * GRAVITY * np.cos(slope) * (DEPTH - height)
-    bulk = material.lame_lambda + 2 * material.shear_modulus / 3
-    for k, stress in enumerate(pressure):
-        mean, shear = -stress / (3 * bulk), stress * np.tan(slope) / (2 * material.shear_modulus)
-        p.strain[k] = elastic.strain_of_log((mean, mean, mean, 0.0, 0.0, shear))
-    p.velocity[:, 0], p.affine[:, 0, 2] = bagnold(height, slope_deg)
-    frames = flow.run(scene, p, tuple(TIME * (np.arange(FRAMES) + 1) / FRAMES), samples, along=PERIOD)
+    h = DEPTH / cells
+    scene, p, height = flow.endless_slope(grains(), DEPTH, cells, slope_deg, lambda z: bagnold(z, slope_deg))
+    frames = flow.run(scene, p, tuple(TIME * (np.arange(FRAMES) + 1) / FRAMES), samples, along=flow.PERIOD)
     q = frames[-1].particles
     above = np.clip(q.position(np.full(3, h))[:, 2] - flow.BASE * h, 0.0, DEPTH)
     exact = bagnold(above, slope_deg)[0]
