@@ -28,6 +28,7 @@ class HerschelBulkley(Material):
 
     law: ClassVar[str] = "herschel_bulkley"
     history: ClassVar[str] = "log volume gained without stress and not yet lost again [1]"
+    history_is_volume: ClassVar[bool] = True
     depends_on_rate: ClassVar[bool] = True
     yield_stress: float = parameter(
         "shear stress below which it does not flow", unit="Pa", low=1, high=1e6, typical=2000.0, sampled=True, hint="2 kPa is 2.0e3"

@@ -26,7 +26,7 @@ class Material:
 
     law: ClassVar[str] = ""  # name in site.yaml
     history: ClassVar[str] = ""  # meaning and unit of the history variable of a particle; it starts at 0
-    history_is_volume: ClassVar[bool] = False  # whether it is a log volume, so that effective stress counts it with the trace
+    history_is_volume: ClassVar[bool] = False  # whether it is a log volume where it is above 0, which counts with the trace
     depends_on_rate: ClassVar[bool] = False  # whether the record holds the length of the step [s], ``time_step``
     largest_cfl: ClassVar[float] = LARGEST_CFL  # largest Courant number of its time steps
     density: float = parameter(

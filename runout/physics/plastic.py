@@ -94,7 +94,7 @@ def step_small(B: Any, L: Any, history: Any, mat: Any):
     return end_of_small_step(trial, elastic, new, left, lost)
 
 
-def history_share(effective: Any):
+def history_share(history: Any, effective: Any):
     """What the history of a law is multiplied by before a return by effective stress [1], and divided by afterwards.
 
     Here 1; :func:`volume_share` stands in its place for laws whose history is a gained volume.
@@ -102,9 +102,12 @@ def history_share(effective: Any):
     return real(1.0)
 
 
-def volume_share(effective: Any):
-    """:func:`history_share` of a gained volume, which adds to the trace of the strain."""
-    return effective
+def volume_share(history: Any, effective: Any):
+    """:func:`history_share` of a gained volume, which adds to the trace of the strain; a history below 0 is none."""
+    share = real(1.0)
+    if history > real(0.0):
+        share = effective
+    return share
 
 
 def with_trace(h: Any, share: Any):
@@ -114,14 +117,14 @@ def with_trace(h: Any, share: Any):
 
 def effective_return(h: Any, history: Any, mat: Any, effective: Any):
     """:func:`law_return` where grains carry the share ``effective`` [1] of the mean stress, above 0."""
-    share = history_share(effective)
     grains = with_trace(h, effective)
-    new, left, lost = law_return(grains, history * share, mat)
+    new, left, lost = law_return(grains, history * history_share(history, effective), mat)
+    left = left / history_share(left, effective)
     if same(grains, new):
-        return h, left / share, lost
+        return h, left, lost
     total = with_trace(new, real(1.0) / effective)
     by_water = (real(1.0) - effective * effective) * pressure(total, mat) * (trace(total) - trace(h))
-    return total, left / share, lost + by_water
+    return total, left, lost + by_water
 
 
 def effective_step(B: Any, L: Any, history: Any, mat: Any, effective: Any):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runout import DruckerPrager, GranularFlow
+from runout import DruckerPrager
 from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS, law_of
 from runout.model.pore_pressure import FIELDS, PorePressure
@@ -64,7 +64,7 @@ def test_scaled_trace_is_a_cone_of_reduced_slope():
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["drucker_prager", "granular_flow"])
+@pytest.mark.parametrize("name", ["drucker_prager", "granular_flow", "herschel_bulkley"])
 def test_a_law_sees_the_effective_strain_and_gained_volume(name):
     law = LAWS.find(name)
     mat = SimpleNamespace(**{**law.example.record(), "time_step": 1e-3})
@@ -102,6 +102,19 @@ def acting(law):
     return law.friction.acting(law.example.numbers(), MassAbove(0.6, 2000.0, 9.81)).values()
 
 
+def test_softened_part_of_a_wet_mass_is_that_of_its_grains():
+    """Its history is no volume below 0: the softening goes on from what the law itself has noted."""
+    law = LAWS.find("cohesion_softening")
+    mat = SimpleNamespace(**{**law.example.record(), "cell_size": 2.0})
+    rng = np.random.default_rng(3)
+    for strain, share in zip(states(4)[0].tolist(), rng.uniform(0.03, 1.0, STATES).tolist(), strict=True):
+        softened = -rng.uniform(0.0, 0.9)
+        _, left, _ = law.effective_return(tuple(strain), softened, mat, share)
+        _, of_grains, _ = law.update(plastic.with_trace(tuple(strain), share), softened, mat)
+        assert left == (of_grains if of_grains < 0.0 else pytest.approx(of_grains / share, rel=1e-12))
+
+
 def test_laws_say_whether_their_history_is_a_volume():
-    assert DruckerPrager.history_is_volume
-    assert GranularFlow.history_is_volume
+    assert {law.name for law in LAWS.of_runout() if law.material.history_is_volume} == {
+        "drucker_prager", "granular_flow", "herschel_bulkley", "cohesion_softening"
+    }  # fmt: skip
