@@ -229,6 +229,9 @@ _COORDINATES = {
 _LEDGER = {
     "mass": _series("kg", "moving and resting mass inside the domain"),
     "escaped_mass": _series("kg", "mass that left the domain"),
+    "entrained_mass": _series("kg", "mass that the flow took up from an erodible bed"),
+    "entrained_energy": _series("J", "energy of the mass taken up from the bed, where it lay"),
+    "entrainment_dissipation": _series("J", "energy dissipated to bring mass of the bed to the speed of the flow"),
     "kinetic_energy": _series("J", "kinetic energy"),
     "potential_energy": _series("J", "potential energy above the local origin"),
     "elastic_energy": _series("J", "elastic energy"),

@@ -66,10 +66,11 @@ class LawFormulas(SphinxDirective):
         """Nodes of the texts."""
         import inspect
 
+        from runout.model.erosion_laws import EROSIONS
         from runout.model.friction_laws import FRICTIONS
         from runout.model.laws import LAWS
 
-        laws = (*LAWS.of_runout(), *FRICTIONS.of_runout())
+        laws = (*LAWS.of_runout(), *FRICTIONS.of_runout(), *EROSIONS.of_runout())
         text = "\n".join(f"`{law.name}`:\n\n```text\n{inspect.getdoc(inspect.getmodule(law.declaration))}\n```\n" for law in laws)
         return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 
@@ -79,9 +80,9 @@ class LawClasses(SphinxDirective):
 
     def run(self) -> list[Any]:
         """Nodes of their documentation."""
-        from runout.model import friction_laws, laws
+        from runout.model import erosion_laws, friction_laws, laws
 
-        names = [*laws.public_names(), *friction_laws.public_names()]
+        names = [*laws.public_names(), *friction_laws.public_names(), *erosion_laws.public_names()]
         text = "\n".join(f"```{{eval-rst}}\n.. autoclass:: runout.{name}\n```\n" for name in names)
         return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 DEPOSIT = "deposit"
+ERODED, CHANGE = "eroded_depth", "elevation_change"  # of members with an erodible bed; the second has no products but a mean
 ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
 UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
 
@@ -31,7 +32,7 @@ class MapQuantity:
         Name with the definition, for legends.
     formula : function, optional
         Value of a column from its thickness [m], speed [m/s] and density [kg/m3], in the subset of Python of
-        :mod:`runout.physics`; the map of a member holds its largest value over time. None: the thickness at the end of the run.
+        :mod:`runout.physics`; the map of a member holds its largest value over time. None: a depth at the end of the run.
     thresholds : tuple of float
         Default thresholds of exceedance, ascending.
     stem : str
@@ -50,6 +51,8 @@ class MapQuantity:
         Whether the products have its mean over the members.
     remark : str
         Sentence for the caption of its map.
+    of_bed : bool
+        Only members with an erodible bed have the map.
     place : int
         Order among the quantities of files and pages; those of one place follow by name.
     """
@@ -68,6 +71,7 @@ class MapQuantity:
     hint: str = ""
     has_mean: bool = False
     remark: str = ""
+    of_bed: bool = False
     place: int = 10
 
     def __post_init__(self) -> None:
@@ -136,6 +140,11 @@ def peak_quantities() -> list[MapQuantity]:
 def member_map_names() -> tuple[str, ...]:
     """Names of the maps of a member: peaks, arrival, and the deposit."""
     return (*(q.member_map for q in peak_quantities()), ARRIVAL, QUANTITIES[DEPOSIT].member_map)
+
+
+def bed_map_names() -> tuple[str, ...]:
+    """Names of the maps that members with an erodible bed have besides."""
+    return QUANTITIES[ERODED].member_map, CHANGE
 
 
 def quantity_of(variable: str) -> MapQuantity | None:

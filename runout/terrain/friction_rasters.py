@@ -41,7 +41,7 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     gridded, said, warnings = {}, [], []
     for key, path in paths.items():
         parameter, number = of_law[key]
-        values, sentences, doubts = _sampled(Path(path), terrain, parameter)
+        values, sentences, doubts = sampled_raster(Path(path), terrain, parameter)
         gridded[number] = np.isnan(values).astype(float), _numbers(values, chosen, parameter, number)
         known = values[np.isfinite(values)]
         said += [*sentences, f"{path}: {key} is {known.min():.4g} to {known.max():.4g} on {len(known)} cells of the terrain."]
@@ -55,7 +55,7 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     )
 
 
-def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
+def sampled_raster(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
     """Values (nx, ny) of the raster cells that hold the centres of the cells of a terrain, NaN where there is none.
 
     Also sentences on changes, and on values that hardly are meant.
