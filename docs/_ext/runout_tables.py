@@ -1,7 +1,8 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
-``{friction-laws}`` those of every friction law, ``{law-classes}`` their classes, and ``{law-formulas}`` their formulas;
+``{friction-laws}`` and ``{erosion-laws}`` those of every friction and erosion law, ``{law-classes}`` their classes, and
+``{law-formulas}`` their formulas;
 ``{variables} max_speed peak_* ...`` lists variables of the products, ``{presets}`` those of accuracy, and ``{scores}`` the scores.
 """
 
@@ -54,6 +55,21 @@ class FrictionLawTables(SphinxDirective):
 
         nodes = []
         for law in FRICTIONS.of_runout():
+            model, sampled = BLOCK.settings_of(law), {p.key for p in law.parameters if p.sampled}
+            nodes += _law_table(self, law.name, model, sampled)
+        return nodes
+
+
+class ErosionLawTables(SphinxDirective):
+    """For each erosion law of runout what it is, and a table of its keys in site.yaml."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the tables."""
+        from runout.config.bed import BLOCK
+        from runout.model.erosion_laws import EROSIONS
+
+        nodes = []
+        for law in EROSIONS.of_runout():
             model, sampled = BLOCK.settings_of(law), {p.key for p in law.parameters if p.sampled}
             nodes += _law_table(self, law.name, model, sampled)
         return nodes
@@ -187,6 +203,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("settings", SettingsTable)
     app.add_directive("laws", LawTables)
     app.add_directive("friction-laws", FrictionLawTables)
+    app.add_directive("erosion-laws", ErosionLawTables)
     app.add_directive("law-classes", LawClasses)
     app.add_directive("law-formulas", LawFormulas)
     app.add_directive("variables", VariablesTable)

@@ -110,7 +110,7 @@ class Bed:
         whole = np.where(np.isfinite(terrain.elevation), self.depth, 0.0)
         lost = float((whole - left).sum() * terrain.cell_area)
         if lost > 0:
-            found.append(f"{self.source}: {short(lost, 'm3')} of the bed lie below excavated releases and are left out")
+            found.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
         layer = volume / (spacing[0] * spacing[1])
         thickest = float(left.max())
         if thickest < layer:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 DEPOSIT = "deposit"
-ERODED, CHANGE = "eroded_depth", "elevation_change"  # of members with an erodible bed; the second has no products but a mean
+ERODED, CHANGE = "eroded_depth", "elevation_change"  # maps at the end of a run with an erodible bed
 ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
 UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
 
@@ -32,7 +32,7 @@ class MapQuantity:
         Name with the definition, for legends.
     formula : function, optional
         Value of a column from its thickness [m], speed [m/s] and density [kg/m3], in the subset of Python of
-        :mod:`runout.physics`; the map of a member holds its largest value over time. None: a depth at the end of the run.
+        :mod:`runout.physics`; the map of a member holds its largest value over time. None: the thickness at the end of the run.
     thresholds : tuple of float
         Default thresholds of exceedance, ascending.
     stem : str
@@ -51,8 +51,6 @@ class MapQuantity:
         Whether the products have its mean over the members.
     remark : str
         Sentence for the caption of its map.
-    of_bed : bool
-        Only members with an erodible bed have the map.
     place : int
         Order among the quantities of files and pages; those of one place follow by name.
     """
@@ -71,7 +69,6 @@ class MapQuantity:
     hint: str = ""
     has_mean: bool = False
     remark: str = ""
-    of_bed: bool = False
     place: int = 10
 
     def __post_init__(self) -> None:
@@ -144,7 +141,7 @@ def member_map_names() -> tuple[str, ...]:
 
 def bed_map_names() -> tuple[str, ...]:
     """Names of the maps that members with an erodible bed have besides."""
-    return QUANTITIES[ERODED].member_map, CHANGE
+    return ERODED, CHANGE
 
 
 def quantity_of(variable: str) -> MapQuantity | None:

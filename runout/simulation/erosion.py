@@ -40,7 +40,7 @@ from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, AreaSums, Columns
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
-LATE = 0.125  # particles by which a birth may be late or early, so that the backend is loaded anew less often
+LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth loads the backend anew
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
 SUMMED = ("escaped_mass", "basal_dissipation", "plastic_dissipation", "escaped_energy", "basal_impulse", "structure_dissipation")
 COUNTED = "steps", "transfers", "particle_steps", "rebuilds"
@@ -106,7 +106,7 @@ class ErodingBed:
         self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
         self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.releases = np.zeros(shape, np.int32)  # that owns most of each column
-        self.time = self.due = 0.0  # [s]
+        self.time = self.due = self.births_at = 0.0  # [s]
         self.born = 0
         self.particles = 0  # at the start
         self.booked, self.impulses = Booked(), np.zeros((0, 3))
@@ -138,7 +138,9 @@ class ErodingBed:
         fastest = 0.0
         if columns is not None:
             fastest = self._erode(columns, lasting)
-            self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
+            if 4.0 * self.area * fastest * (time - self.births_at) >= LATE * self.volume or fastest == 0.0:
+                self.births_at = time
+                self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
         g, h = math.hypot(*self.scene.gravity), min(self.scene.spacing)
         travel = array_binding().bed.time_to_travel(TRAVEL * h, engine.max_speed, max(g, 1e-12))
         self.due = time + min(float(travel), LOWERING * h / max(fastest, 1e-12))

@@ -133,8 +133,12 @@ class ParticleSample:
         return cls(-(-particles // stride) if most else 0, max(1, stride))
 
     def take(self, particles: Particles, spacing: tuple[float, float, float]) -> np.ndarray:
-        """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain."""
-        sample = particles.take(particles.identity % self.stride == 0)
+        """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain.
+
+        Particles that an erodible bed gave are not among them.
+        """
+        of_start = particles.identity < self.size * self.stride
+        sample = particles.take((particles.identity % self.stride == 0) & of_start)
         frame = np.full((self.size, 4), np.nan, np.float32)
         speed = np.linalg.norm(sample.velocity, axis=1)
         frame[sample.identity // self.stride] = np.column_stack([sample.position(np.array(spacing)), speed])

@@ -93,8 +93,8 @@ def births(
     """Number of particles (nx, ny) that are born at each node, and the depth (nx, ny) [m] that each node gives for them.
 
     A square pool of nodes gives birth to what it owes, rounded to whole particles at the node that owes most, upwards only where
-    its nodes have so much left. None are born before a pool owes half of ``late`` more than it needs; then all are that need no
-    more than half of ``late``, so that births are neither late nor early in the mean.
+    its nodes have so much left. Births come so often that no pool owes ``late`` more than at the last; those that need no more than
+    a quarter of that are due, so that births are about as often early as late.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ def births(
     most = owing, pools[owing].argmax(axis=1)
     due, each, i, j = due[owing], each[most], i[most], j[most]
     particles = np.maximum(pools[owing].sum(axis=1), 0.0) / each + 1e-9
-    rounded = particles + rounding[owing, 0] + 0.5 * late
-    if not (rounded >= 1.0 + late).any():
+    rounded = particles + rounding[owing, 0] + 0.25 * late
+    if not (rounded >= 1.0).any():
         return count, given
     part_of_due, number = due / due.sum(axis=1, keepdims=True), np.floor(rounded)
     fits = (part_of_due * (number * each)[:, None] <= due + room[owing] + 1e-12).all(axis=1)
@@ -193,4 +193,4 @@ class AreaSums:
         x, y = np.arange(raster.columns + 1) * dx, np.arange(raster.rows + 1) * dy
         for edges in (x, y):
             edges[0], edges[-1] = -np.inf, np.inf
-        return self.within(x, y).T[::-1] / (dx * dy)
+        return np.maximum(self.within(x, y), 0.0).T[::-1] / (dx * dy)  # rounding may leave less than nothing

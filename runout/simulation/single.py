@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, expected_memory, require_memory
+from runout.forecast.memory import Extent, expected_memory, require_memory, with_births
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.bed import Bed
@@ -152,8 +152,8 @@ def simulate(
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:
-        needed = expected_memory(extent, terrain.elevation.size, numerics, engine, named, basal_friction)
-        require_memory(needed, engine, memory_gb)
+        whole = with_births(extent, bed, releases, numerics, basal_friction or basal_friction_angle)
+        require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
 
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,

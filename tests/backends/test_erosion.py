@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import HARD, box, engine_of, plane, scene
 
-from runout import Bed, EnergyErosion, GrowthErosion, JumpErosion, RammsErosion, Terrain
+from runout import Bed, DruckerPrager, EnergyErosion, GrowthErosion, JumpErosion, RammsErosion, Terrain
 from runout.backends.protocol import BACKENDS
 from runout.errors import ConfigError
 from runout.model.erosion_laws import EROSIONS
@@ -18,6 +18,7 @@ from runout.studies.verification_cases.eroded_layer import eroded_layer, grown_v
 
 BLOCK = replace(HARD, poisson_ratio=0.0, youngs_modulus=4e6)  # vibrates little while it slides
 CELLS, PER_CELL = (30, 40), (2, 2, 2)
+SOIL = DruckerPrager(density=2000.0, friction_angle=32.0)
 EACH = pytest.mark.parametrize("name", BACKENDS)
 SLOPE = math.radians(30.0)
 MU = math.tan(math.radians(20.0))
@@ -188,6 +189,49 @@ def test_wet_bed_feeds_the_flow_and_a_dry_one_slows_it():
     assert many > 20
     assert few == 0  # friction of the flow, at 20 deg, does not reach the strength of a dry bed of 22 deg
     assert wet > dry
+
+
+def test_simulate_takes_a_bed_and_gives_its_maps_and_sums():
+    """On one and two threads the same bits; snapshots follow the particles of the start; the result states what was taken up."""
+    import runout
+
+    x = (np.arange(40) + 0.5) * 5.0
+    terrain = Terrain.from_array(np.repeat((200.0 - x)[None, :] * math.tan(math.radians(25.0)), 20, 0), 5.0)
+    thickness = np.zeros(terrain.shape)
+    thickness[7:13, 3:9] = 4.0
+    release = runout.Release.from_array(thickness, terrain, placement="on_surface")
+    choices = {"basal_friction_angle": 15.0, "cell_size": 5.0, "end_time": 6.0, "snapshot_times": (3.0,), "snapshot_particles": 50}
+    one, two = (
+        runout.simulate(terrain, release, SOIL, **choices, bed=Bed(1.0, RammsErosion(rate=0.1)), bulking=0.8, threads=threads)
+        for threads in (1, 2)
+    )
+    assert set(one.maps) >= {"eroded_depth", "elevation_change"}
+    for name in one.maps:
+        np.testing.assert_array_equal(one.maps[name], two.maps[name], err_msg=name)
+    entrained = float(one.ledger["entrained_mass"][-1])
+    assert float(one.maps["eroded_depth"].sum()) * 25.0 * SOIL.density == pytest.approx(entrained, rel=1e-6)
+    held = float(one.ledger["mass"][-1]) / SOIL.density
+    assert float(one.maps["deposit_thickness"].sum()) * 25.0 == pytest.approx(0.8 * held, rel=1e-5)
+    assert len(one.state) > one.n_particles
+    assert len(one.particle_frames[0]) <= 50
+    assert "of the bed" in repr(one)
+    dry = runout.simulate(terrain, release, SOIL, **choices)
+    assert "eroded_depth" not in dry.maps
+    assert "entrained_mass" not in dry.ledger
+
+
+def test_bed_that_needs_more_memory_than_there_is_is_refused():
+    """The forecast counts what the bed can give."""
+    import runout
+    from runout.errors import CapacityError
+
+    terrain = Terrain.from_array(np.zeros((40, 40)), 5.0)
+    thickness = np.zeros(terrain.shape)
+    thickness[18:22, 18:22] = 40.0
+    release = runout.Release.from_array(thickness, terrain, placement="on_surface")
+    choices = {"basal_friction_angle": 10.0, "cell_size": 0.5, "end_time": 1.0}
+    with pytest.raises(CapacityError, match="the run needs about"):
+        runout.simulate(terrain, release, SOIL, **choices, bed=Bed(500.0), memory_gb=2.0)
 
 
 def test_bad_beds_are_refused():
