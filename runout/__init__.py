@@ -1,7 +1,7 @@
 """Runout assessment of landslides, rock-ice avalanches and debris flows with a sparse material point method.
 
 The public names are listed in ``__all__``; they are imported on first use, so that ``import runout`` stays quick. The classes
-of the material and friction laws are among them: each file of :mod:`runout.materials` and :mod:`runout.friction` brings its own.
+of the laws are among them: each file of :mod:`runout.materials`, :mod:`runout.friction` and :mod:`runout.erosion` brings its own.
 """
 
 from runout.processes import ending
@@ -31,6 +31,9 @@ _HOME = {
     "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
     "PorePressure": "runout.model.pore_pressure",
+    "Bed": "runout.model.bed",
+    "Erosion": "runout.model.erosion_laws",
+    "register_erosion": "runout.model.erosion_laws",
     "Structures": "runout.model.structures",
     "StructureSource": "runout.structures.source",
     "Particles": "runout.model.particles",
@@ -78,6 +81,8 @@ declare_readers(
         "Structures.from_file": "runout.structures.read:structures_from_file",
         "Structures.from_sources": "runout.structures.read:structures_from_sources",
         "Structures.from_overhangs": "runout.structures.read:structures_from_overhangs",
+        "Bed.from_vector": "runout.terrain.beds:read_bed_polygons",
+        "Bed.from_raster": "runout.terrain.beds:read_bed_raster",
         "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
         "FrictionZones.from_rasters": "runout.terrain.friction_rasters:read_friction_rasters",
     }
@@ -86,8 +91,8 @@ declare_readers(
 
 def _homes() -> dict[str, str]:
     """Module of every public name, those of the laws included."""
-    laws, frictions = import_module("runout.model.laws"), import_module("runout.model.friction_laws")
-    return {**_HOME, **laws.public_names(), **frictions.public_names()}
+    registries = map(import_module, ("runout.model.laws", "runout.model.friction_laws", "runout.model.erosion_laws"))
+    return _HOME | {name: home for registry in registries for name, home in registry.public_names().items()}
 
 
 def __getattr__(name: str) -> Any:

@@ -89,6 +89,8 @@ _FRACTION = "fraction of the ensemble's weight, given that the release happens; 
 _MEMBER_MAPS = {
     **{q.member_map: _positive(q.units, f"maximum {q.described}" if q.formula else q.described) for q in QUANTITIES.values()},
     ARRIVAL: _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
+    "eroded_depth": _positive("m", "depth by which the flow lowered the ground, vertical"),
+    "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),
     "flow_thickness": _positive("m", "flow thickness, vertical"),
     "speed": _positive("m s-1", "speed of the flow"),
     "particle_easting": _series("m", "easting of a particle"),
@@ -168,9 +170,21 @@ _OBSERVED = {
     "observed_deposit_thickness": _positive("m", "observed thickness of the deposit, vertical", "missing where unknown"),
     "observed_elevation_change": Variable("m", "observed change of elevation", comment="missing where unknown"),
     "mean_elevation_change": Variable(
-        "m", "weighted mean over the members of the change of elevation", comment="deposit minus the released mass"
+        "m", "weighted mean over the members of the change of elevation", comment="deposit minus released mass and eroded depth"
     ),
 }
+
+_OF_A_BED = {
+    "mean_eroded_depth": _positive("m", "weighted mean over the members of the eroded depth"),
+    "peak_eroded_depth": _positive("m", "largest eroded depth of any member"),
+    **{
+        f"net_{what}_probability": Variable(
+            "1", f"conditional probability that the ground is {how} by the lowest thickness threshold or more",
+            valid_min=0.0, valid_max=1.0, comment=_FRACTION,
+        )
+        for what, how in (("erosion", "lowered"), ("deposition", "raised"))
+    },
+}  # fmt: skip
 
 _SLOPES = {
     "sink_depth": _positive("m", "depth below the spill of a closed sink of the elevation raster"),
@@ -180,7 +194,6 @@ _SLOPES = {
         "1", "share of the samples in which an infinite slope fails", valid_min=0, valid_max=1, comment="not an annual probability"
     ),
     "failure_thickness": _positive("m", "mean vertical thickness of the samples that fail", comment="0 where none fails"),
-    "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),
 }
 
 _DIFFERENCES = {
@@ -215,6 +228,9 @@ _ENSEMBLE = {
     "pore_pressure_diffusivity": Variable("m2 s-1", "diffusivity of pore pressure", dtype="float64"),
     "pore_pressure_decay_time": Variable("s", "time in which excess pore pressure falls to 1/e", dtype="float64"),
     "release_volume_factor": Variable("1", "factor on the thickness of the release", dtype="float64"),
+    "bed_depth_factor": Variable("1", "factor on the depth of the erodible bed", dtype="float64"),
+    "bed_density": Variable("kg m-3", "density of the erodible bed", dtype="float64"),
+    "bulking": Variable("1", "volume of the deposit over that of its mass", dtype="float64"),
 }
 
 _COORDINATES = {
@@ -235,6 +251,9 @@ _COORDINATES = {
 _LEDGER = {
     "mass": _series("kg", "moving and resting mass inside the domain"),
     "escaped_mass": _series("kg", "mass that left the domain"),
+    "entrained_mass": _series("kg", "mass that the flow took up from an erodible bed"),
+    "entrained_energy": _series("J", "energy of the mass taken up from the bed, where it lay"),
+    "entrainment_dissipation": _series("J", "energy dissipated to bring mass of the bed to the speed of the flow"),
     "kinetic_energy": _series("J", "kinetic energy"),
     "potential_energy": _series("J", "potential energy above the local origin"),
     "elastic_energy": _series("J", "elastic energy"),
@@ -343,6 +362,7 @@ VARIABLES: dict[str, Variable] = {
     **_HAZARD_MAPS,
     **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
     **_OBSERVED,
+    **_OF_A_BED,
     **_SLOPES,
     **_DIFFERENCES,
     **_of("auxiliaryInformation", _ENSEMBLE),

@@ -1,7 +1,8 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
-``{friction-laws}`` those of every friction law, ``{law-classes}`` their classes, and ``{law-formulas}`` their formulas;
+``{friction-laws}`` and ``{erosion-laws}`` those of every friction and erosion law, ``{law-classes}`` their classes, and
+``{law-formulas}`` their formulas;
 ``{variables} max_speed peak_* ...`` lists variables of the products, ``{presets}`` those of accuracy, and ``{scores}`` the scores.
 """
 
@@ -59,6 +60,21 @@ class FrictionLawTables(SphinxDirective):
         return nodes
 
 
+class ErosionLawTables(SphinxDirective):
+    """For each erosion law of runout what it is, and a table of its keys in site.yaml."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the tables."""
+        from runout.config.bed import BLOCK
+        from runout.model.erosion_laws import EROSIONS
+
+        nodes = []
+        for law in EROSIONS.of_runout():
+            model, sampled = BLOCK.settings_of(law), {p.key for p in law.parameters if p.sampled}
+            nodes += _law_table(self, law.name, model, sampled)
+        return nodes
+
+
 class LawFormulas(SphinxDirective):
     """What the file of each law of runout says of its formula and its papers."""
 
@@ -66,10 +82,11 @@ class LawFormulas(SphinxDirective):
         """Nodes of the texts."""
         import inspect
 
+        from runout.model.erosion_laws import EROSIONS
         from runout.model.friction_laws import FRICTIONS
         from runout.model.laws import LAWS
 
-        laws = (*LAWS.of_runout(), *FRICTIONS.of_runout())
+        laws = (*LAWS.of_runout(), *FRICTIONS.of_runout(), *EROSIONS.of_runout())
         text = "\n".join(f"`{law.name}`:\n\n```text\n{inspect.getdoc(inspect.getmodule(law.declaration))}\n```\n" for law in laws)
         return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 
@@ -79,9 +96,9 @@ class LawClasses(SphinxDirective):
 
     def run(self) -> list[Any]:
         """Nodes of their documentation."""
-        from runout.model import friction_laws, laws
+        from runout.model import erosion_laws, friction_laws, laws
 
-        names = [*laws.public_names(), *friction_laws.public_names()]
+        names = [*laws.public_names(), *friction_laws.public_names(), *erosion_laws.public_names()]
         text = "\n".join(f"```{{eval-rst}}\n.. autoclass:: runout.{name}\n```\n" for name in names)
         return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 
@@ -186,6 +203,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("settings", SettingsTable)
     app.add_directive("laws", LawTables)
     app.add_directive("friction-laws", FrictionLawTables)
+    app.add_directive("erosion-laws", ErosionLawTables)
     app.add_directive("law-classes", LawClasses)
     app.add_directive("law-formulas", LawFormulas)
     app.add_directive("variables", VariablesTable)

@@ -42,8 +42,8 @@ DIFFERENCES = """\
   to {far_most:.0f} m too far, and leaves the upper places empty. The event was wet; the model is dry, with one friction
   everywhere.
 - **The CSI of erosion is {erosion_most:.2f} at most, with any friction**: the observed area that was lowered is {lowered:.1f}
-  times the mapped source, because the flow eroded its path. The model has no entrainment, which also explains the smaller eroded
-  volume.
+  times the mapped source, because the flow eroded its path. These runs have no erodible bed, which also explains the smaller
+  eroded volume.
 - **The flow is thin: {least_cells:.1f} to {most_cells:.1f} cells through a depth of {least_depth:.0f} to {most_depth:.0f} m.**
   The CSI of deposition at 12 deg is {coarse_csi:.2f} with cells of 5 m and {fine_csi:.2f} with 3 m; at 15 deg and 3 m it is
   {other_csi:.2f}. So cells matter as much as the friction. Four cells at 12 deg would need a spacing of about {needed:.1f} m. So

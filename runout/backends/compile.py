@@ -23,10 +23,12 @@ from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 from runout.io.atomic import whole_file
+from runout.model.erosion_laws import ErosionLaw
 from runout.model.friction_laws import FrictionLaw
 from runout.model.law_source import functions_of_law
 from runout.model.laws import Law
 from runout.physics import (
+    bed,
     blocks,
     bspline,
     contact,
@@ -47,7 +49,7 @@ from runout.processes.caches import compiled_code
 
 PHYSICS = (
     *(tensors, bspline, moments, heightfield, elastic, plastic),
-    *(geostatic, pore_pressure, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns),
+    *(geostatic, pore_pressure, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns, bed),
 )
 _SETTING = threading.RLock()  # of the folder in which numba caches
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
@@ -113,7 +115,7 @@ def _bind_friction(
 
 
 def _bind_own(
-    law: Law | FrictionLaw, functions: list[FunctionType], names: Mapping[str, Any], compiled: Mapping[FunctionType, Any],
+    law: Law | FrictionLaw | ErosionLaw, functions: list[Any], names: Mapping[str, Any], compiled: Mapping[FunctionType, Any],
     compile_one: Callable[[FunctionType], Any],
 ) -> dict[Any, Any]:  # fmt: skip
     """What is compiled already and the functions of a law, each after what it calls."""
@@ -172,6 +174,16 @@ class NumbaBinding:
             self._laws[law] = _bind_friction(law, self.names, self._compiled, numba.njit(**self.inlined))
             self._laws[law].record = namedtuple("record", law.fields)  # type: ignore[misc]
         return self._laws[law]
+
+    def erosion(self, law: ErosionLaw, friction: FrictionLaw) -> SimpleNamespace:
+        """Compiled ``rate`` of a law of erosion, and ``friction_stress`` of a law of basal friction."""
+        import numba
+
+        compile_one = numba.njit(**self.inlined)
+        rate = _bind_own(law, functions_of_law(law.rate), self.names, self._compiled, compile_one)[law.rate]
+        stress = [*functions_of_law(friction.resistance), friction.limited, friction.stress]
+        bound = _bind_own(friction, stress, self.names, self._compiled, compile_one)
+        return SimpleNamespace(rate=rate, friction_stress=bound[friction.stress])
 
     def chain(self, link: Any, formulas: Sequence[Any], first: int = 0) -> Any:
         """Copies of the function ``link`` that call each other, each with one of the formulas and its place from ``first`` on."""

@@ -107,7 +107,7 @@ def _with_free_drag(
     """
     total, momentum = moving
     free = np.flatnonzero((drag == 0.0) & (total > 0.0))
-    area = scene.spacing[0] * scene.spacing[1] * _covered_shares(total.reshape(stencils.shape[:2])).ravel()
+    area = scene.spacing[0] * scene.spacing[1] * covered_shares(total.reshape(stencils.shape[:2])).ravel()
     i, j = np.unravel_index(free, stencils.shape[:2])
     x, y = (stencils.first[0] + i) * scene.spacing[0], (stencils.first[1] + j) * scene.spacing[1]
     table, law, gravity = scene.basal.table().view(np.recarray), scene.basal.law.free_column_drag, math.hypot(*scene.gravity)
@@ -119,7 +119,7 @@ def _with_free_drag(
     return drag
 
 
-def _covered_shares(total: np.ndarray) -> np.ndarray:
+def covered_shares(total: np.ndarray) -> np.ndarray:
     """Shares (nx, ny) [1] of their ground that columns of nodes with a mass (nx, ny) [kg] cover; 0 without mass."""
     padded = np.pad(total, 1)
     window = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))

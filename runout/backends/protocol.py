@@ -43,6 +43,9 @@ class LedgerRow:
     box_blocks: int  # of the smallest box around these
     contact_particles: int  # on the ground
     structure_dissipation: float = 0.0  # [J] by friction and impact at structures
+    entrained_mass: float = 0.0  # [kg] from an erodible bed; backends know no bed, the run books it
+    entrained_energy: float = 0.0  # [J] that this mass brought
+    entrainment_dissipation: float = 0.0  # [J] to bring it to the speed of the flow
 
 
 def box_blocks(coordinates: np.ndarray) -> int:

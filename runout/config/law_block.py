@@ -11,13 +11,14 @@ from runout.config.declared import declared_fields
 from runout.config.distributions import Settings, quantity, refuse
 from runout.config.wording import choice_fix, shown
 from runout.errors import InputError
+from runout.model.erosion_laws import ErosionLaw
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 from runout.model.parameters import Parameter
 from runout.model.registry import Registry
 
 _WORDS: Any = Literal
-AnyLaw = TypeVar("AnyLaw", Law, FrictionLaw)
+AnyLaw = TypeVar("AnyLaw", Law, FrictionLaw, ErosionLaw)
 
 
 class LawBlock(Generic[AnyLaw]):

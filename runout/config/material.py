@@ -6,18 +6,19 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, ValidationInfo, create_model
 
+from runout.config import bed, pore_pressure
 from runout.config import friction as basal
-from runout.config import pore_pressure
 from runout.config.declared import sampled_in
 from runout.config.distributions import Distribution, Settings, within_range
 from runout.config.law_block import LawBlock, LawSettings
+from runout.model.erosion_laws import EROSIONS, ErosionLaw
 from runout.model.friction_laws import FRICTIONS, FrictionLaw
 from runout.model.laws import LAWS, Law
 from runout.model.limits import LIMITS, Range
 from runout.model.materials import Material
 
 DEFAULT_LAW = "drucker_prager"
-OF_THE_RUN = {"release_volume_factor": LIMITS["release_volume_factor"], **pore_pressure.SAMPLED}
+OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED
 
 
 class MaterialSettings(LawSettings):
@@ -38,36 +39,43 @@ BLOCK: LawBlock[Law] = LawBlock(LAWS, DEFAULT_LAW, MaterialSettings)
 settings_of, known_law, validated_material = BLOCK.settings_of, BLOCK.known_law, BLOCK.validated
 
 
-def sampled_ranges(law: Law | None = None, friction: FrictionLaw | None = None) -> dict[str, Range]:
-    """Range of each parameter that an ensemble may sample, by its key: of two laws, or of all known ones where none is given."""
+def sampled_ranges(
+    law: Law | None = None, friction: FrictionLaw | None = None, erosion: ErosionLaw | None = None
+) -> dict[str, Range]:
+    """Range of each parameter that an ensemble may sample, by its key: of some laws, or of all known ones where none is given."""
     laws = [law] if law else LAWS.known()
-    return basal.sampled_ranges(friction) | OF_THE_RUN | sampled_in(p for each in laws for p in each.parameters)
+    of_material = sampled_in(p for each in laws for p in each.parameters)
+    return basal.sampled_ranges(friction) | OF_THE_RUN | bed.sampled_ranges(erosion) | of_material
 
 
 @cache
-def _parameters(law: Law | None, friction: FrictionLaw | None, _known: tuple[Any, ...]) -> type[Settings]:
+def _parameters(
+    law: Law | None, friction: FrictionLaw | None, erosion: ErosionLaw | None, _known: tuple[Any, ...]
+) -> type[Settings]:
     """Settings model with a distribution for each parameter that may be sampled; ranges are those of the laws."""
-    ranges = sampled_ranges() | sampled_ranges(law, friction)
+    ranges = sampled_ranges() | sampled_ranges(law, friction, erosion)
     fields: dict[str, Any] = {
         key: (Annotated[Distribution, AfterValidator(partial(within_range, valid))] | None, None) for key, valid in ranges.items()
     }
     return create_model("Parameters", __base__=Settings, **fields)
 
 
-def parameters_model(law: Law | None = None, friction: FrictionLaw | None = None) -> type[Settings]:
-    """Settings of ``ensemble.parameters`` for laws of material and friction; each field is a distribution."""
-    return _parameters(law, friction, (*LAWS.known(), *FRICTIONS.known()))
+def parameters_model(
+    law: Law | None = None, friction: FrictionLaw | None = None, erosion: ErosionLaw | None = None
+) -> type[Settings]:
+    """Settings of ``ensemble.parameters`` for laws of material, friction and erosion; each field is a distribution."""
+    return _parameters(law, friction, erosion, (*LAWS.known(), *FRICTIONS.known(), *EROSIONS.known()))
 
 
 def sampled_parameters(block: Any, info: ValidationInfo) -> Any:
     """Checked distributions of a block of parameters, by name. A value that is not a block is returned for the next check.
 
-    The context of the validation may hold the ``law`` and the ``friction`` law whose ranges apply.
+    The context of the validation may hold the ``law``, the ``friction`` law and the ``erosion`` law whose ranges apply.
     """
     if not isinstance(block, dict):
         return block
     context = info.context or {}
-    checked = parameters_model(context.get("law"), context.get("friction")).model_validate(block)
+    checked = parameters_model(context.get("law"), context.get("friction"), context.get("erosion")).model_validate(block)
     return {name: getattr(checked, name) for name in block}
 
 

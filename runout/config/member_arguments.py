@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from runout.config import bed
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.pore_pressure import sampled_pores
@@ -30,7 +31,7 @@ def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:
     """The sampled parameters of a row of the table of members; an unknown name is refused."""
     if not sample:  # a site with an invalid material block has no material
         return {}
-    ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law)
+    ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
     unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
     if unknown:
         raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
@@ -95,7 +96,7 @@ def member_arguments(settings: SiteSettings, data: "SiteData", sample: Sample | 
         "stop": simulation.stop_when_at_rest,
         **{name: getattr(simulation, name) for name in OF_SIMULATION},
     }
-    more: dict[str, Any] = {"structures": data.structures, "probes": data.probes}
+    more: dict[str, Any] = {"structures": data.structures, "probes": data.probes, **bed.of_member(settings, data.bed, parameters)}
     if simulation.snapshots:
         more["snapshot_times"] = even_times(simulation.end_time, simulation.snapshots)
     return arguments | {name: value for name, value in more.items() if value}

@@ -2,8 +2,10 @@
 
 import re
 
+from runout.config.bed import PREFIX as ERODES
 from runout.config.friction import PREFIX
 from runout.errors import ConfigError
+from runout.model.erosion_laws import EROSIONS
 from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
 from runout.model.parameters import Parameter
@@ -22,6 +24,7 @@ def parameter_variable(name: str) -> Variable:
         return VARIABLES[name]
     declared = {p.key: _variable(p, "") for law in LAWS.known() for p in law.parameters if p.sampled}
     declared |= {PREFIX + p.key: _variable(p, "basal friction, ") for law in FRICTIONS.known() for p in law.parameters if p.sampled}
+    declared |= {ERODES + p.key: _variable(p, "erosion, ") for law in EROSIONS.known() for p in law.parameters if p.sampled}
     if name not in declared:
         raise ConfigError(f"{name}: no known law has this parameter; install the package of the law that the members follow")
     return declared[name]

@@ -90,10 +90,10 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
     if isinstance(ratio, RatioSettings):
         ratio = RatioBlocks(**ratio.model_dump())
     elif isinstance(ratio, str):
-        from runout.terrain.friction_rasters import cells_of
+        from runout.terrain.friction_rasters import sampled_raster
 
         declared = Parameter("ratio", "pore pressure ratio", RATIO, None, None, None, sampled=False)
-        ratio = cells_of(Path(locate(ratio, file.parent)), terrain, declared).T[::-1]
+        ratio = sampled_raster(Path(locate(ratio, file.parent)), terrain, declared)[0].T[::-1]
     return PorePressure(ratio=ratio, **settings.model_dump(include={*NUMBERS}))
 
 

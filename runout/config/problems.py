@@ -6,6 +6,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from runout.config import bed
 from runout.config.distributions import DISTRIBUTIONS
 from runout.config.document import Document, Location, dotted
 from runout.config.friction import BLOCK, KEY, PREFIX, own_model, stated_law
@@ -85,9 +86,11 @@ def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel],
 
 def _model_of_laws(part: str, model: type[BaseModel], document: Document) -> type[BaseModel] | None:
     """The model of a key that depends on the laws of a file; None for any other key."""
-    law, friction = known_law(document.value(("material",))), stated_law(document.values)
+    law, friction, erosion = known_law(document.value(("material",))), stated_law(document.values), bed.stated_law(document.values)
     if part == "parameters":
-        return parameters_model(law, friction)
+        return parameters_model(law, friction, erosion)
+    if part == bed.EROSION and model is bed.BedSettings:
+        return bed.BLOCK.settings_of(erosion) if erosion else None  # type: ignore[no-any-return]
     if part == "material":
         return settings_of(law) if law else None
     if part == KEY and friction:
@@ -134,7 +137,8 @@ def _possible(location: Location, model: type[BaseModel], document: Document) ->
     """Keys of a model; of sampled parameters only those of the laws of the file."""
     if location[:-1] != ("ensemble", "parameters"):
         return list(model.model_fields)
-    return list(sampled_ranges(known_law(document.value(("material",))), stated_law(document.values)))
+    laws = known_law(document.value(("material",))), stated_law(document.values), bed.stated_law(document.values)
+    return list(sampled_ranges(*laws))
 
 
 def _may_move(location: Location, section: str) -> bool:
@@ -169,7 +173,8 @@ def _sections(document: Document) -> dict[str, Iterable[str]]:
     fields = {name: model.model_fields for name, model in inner.items() if model}
     law = known_law(document.value(("material",)))
     friction = stated_law(document.values)
-    known: dict[str, Iterable[str]] = {"ensemble.parameters": sampled_ranges(law, friction)}
+    erosion = bed.stated_law(document.values)
+    known: dict[str, Iterable[str]] = {"ensemble.parameters": sampled_ranges(law, friction, erosion)}
     if law:
         known["material"] = settings_of(law).model_fields
     if friction and KEY in document.values:

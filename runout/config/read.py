@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from runout.config import bed
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
@@ -50,7 +51,8 @@ def load(path: Path | str) -> SiteSettings:
     settings = None
     if isinstance(document.values, dict):
         try:
-            laws = {"law": known_law(document.value(("material",))), "friction": stated_law(document.values)}
+            laws: dict[str, Any] = {"law": known_law(document.value(("material",))), "friction": stated_law(document.values)}
+            laws["erosion"] = bed.stated_law(document.values)
             settings = SiteSettings.model_validate(document.values, context=laws)
         except ValidationError as error:
             problems += problems_of(error, document)
@@ -134,6 +136,13 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     site = document.values if isinstance(document.values, dict) else {}
     for key, message, fix in friction_conflicts({k: v for k, v in site.items() if v is not None}):
         yield document.problem((key,), message, fix)
+    given = document.value((bed.BED,))
+    for key, message, fix in bed.bed_conflicts(
+        {k: v for k, v in given.items() if v is not None} if isinstance(given, dict) else {}
+    ):
+        yield document.problem((bed.BED, key), message, fix)
+    for key, message, fix in bed.foreign_parameters(document.values, sampled):
+        yield document.problem(("ensemble", "parameters", key), message, fix)
     for key, message, fix in foreign_parameters(document.value(("material",)), stated_law(document.values), sampled):
         yield document.problem(("ensemble", "parameters", key), message, fix)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from runout.config.bed import BLOCK as EROSION_BLOCK
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.material import BLOCK
 from runout.config.problems import inner_model
@@ -229,7 +230,7 @@ def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> It
             yield ""
         yield from _comment(field, indent)
         value = values.get(name)
-        block = {"material": BLOCK, "basal_friction": FRICTION_BLOCK}.get(name)
+        block = {"material": BLOCK, "basal_friction": FRICTION_BLOCK, "erosion": EROSION_BLOCK}.get(name)
         named = block and isinstance(value, dict) and "law" in value
         inner = block.settings_of(block.known_law(value)) if block and named else inner_model(field.annotation)  # type: ignore[attr-defined]
         if value is None:

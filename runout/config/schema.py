@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
+from runout.config.bed import SETTINGS as BED
+from runout.config.bed import BedSettings
 from runout.config.distributions import Distribution, Settings, limited, quantity, refuse
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
@@ -328,7 +330,7 @@ class EnsembleSettings(Settings):
     )
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
-        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material and friction have); "
+        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); "
         "each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},
@@ -409,6 +411,10 @@ class SiteSettings(Settings):
         "instead of basal_friction_angle_deg: law of friction of the mass on the ground and its parameters",
         None,
         examples=[{"law": DEFAULT_FRICTION, "friction_angle_deg": 20.0}],
+    )
+    bed: BedSettings | None = BED
+    bulking: float | None = limited(
+        "bulking", "volume of the deposit over that of its mass: multiplies the thickness of deposits", None, examples=[0.9]
     )
     simulation: SimulationSettings = quantity("how each member is computed")
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())

@@ -12,9 +12,11 @@ from runout.config.read import load, site_file
 from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles, may_hold_bodies
 from runout.config.structures import COMPUTED_WITHOUT
+from runout.model.erosion_laws import EROSIONS
 from runout.model.laws import LAWS
 
 if TYPE_CHECKING:
+    from runout.model.bed import Bed
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
     from runout.model.probes import Probes
@@ -25,13 +27,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes."""
+    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes, bed."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
     friction_zones: "FrictionZones | None"
     structures: "Structures | None" = None
     probes: "Probes | None" = None
+    bed: "Bed | None" = None
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Site:
         files, releases, structures = self.files, self.releases(), None
         if may_hold_bodies(self.settings):
             structures = files.structures(of_members.grid_spacing(self.settings, releases))
-        return SiteData(files.terrain(), tuple(releases), files.zones(), structures, files.probes())
+        return SiteData(files.terrain(), tuple(releases), files.zones(), structures, files.probes(), files.bed())
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""
@@ -164,6 +167,8 @@ class Site:
             content["material"]["source"] = law.source
         if self.friction.law.source:
             content["basal_friction"]["source"] = self.friction.law.source
+        if self.settings.bed and (source := EROSIONS.find(content["bed"]["erosion"]["law"]).source):
+            content["bed"]["erosion"]["source"] = source
         for structure in content.get("structures", ()):
             for key in COMPUTED_WITHOUT:
                 structure.pop(key, None)

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from runout.config.bed import read_bed
 from runout.config.document import Location
 from runout.config.fetch import locate
 from runout.config.input_readers import build_obstacles, read_elevations, read_releases, read_zones
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from runout.config.extent import DerivedExtent
+    from runout.model.bed import Bed
     from runout.model.friction import FrictionZones
     from runout.model.probes import Probes
     from runout.model.release import Release
@@ -43,10 +45,11 @@ PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, b
     "zones": (("terrain", "friction_zones", EACH, "polygons"), ("terrain", "friction_rasters", EACH)),
     "probes": (("probes", "points"), ("probes", "cross_sections")),
     "structures": (("structures", EACH, "file"),),
+    "bed": (("bed", "polygons"), ("bed", "depth")),
     "observations": tuple(("observations", name, key) for name, (key, _) in READERS.items()),
     "protected": (("structures", EACH, "protects"),),  # areas behind dams
 }
-OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures")  # parts that members depend on
+OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed")  # parts that members depend on
 OF_PRODUCTS = ("observations", "protected")
 
 
@@ -58,6 +61,8 @@ def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:
 
 
 def _at(value: Any, place: Location, location: Location = ()) -> Iterator[tuple[Location, Any]]:
+    if location == ("bed",) and place == ("depth",) and next(_at(value, ("polygons",)), None):
+        return  # an attribute of the polygons
     if not place:
         if value and isinstance(value, str | RemoteFile):
             yield location, value
@@ -204,6 +209,10 @@ class SiteFiles:
     def probes(self) -> "Probes | None":
         """Points and cross-sections at which members record series; None without any. ConfigError with all problems."""
         return self._on_terrain("probes", partial(read_probes, self.settings, self.file))
+
+    def bed(self) -> "Bed | None":
+        """The erodible bed, without sampled parameters; None if site.yaml states none. InputError if it cannot be used."""
+        return self._on_terrain("bed", partial(read_bed, self.settings, self.file))
 
     def observations(self) -> "Reading[Observations | None]":
         """The observations, None if site.yaml states none, and the problems of those that cannot be used."""

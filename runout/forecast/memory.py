@@ -11,8 +11,10 @@ import numpy as np
 from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
 from runout.errors import CapacityError
 from runout.model.basal_friction import BasalFriction
+from runout.model.bed import Bed
 from runout.model.friction_laws import FrictionLaw
-from runout.model.numerics import Scheme
+from runout.model.limits import PARTICLES_PER_CELL
+from runout.model.numerics import Numerics, Scheme
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
 from runout.model.surface import Surface
@@ -169,6 +171,26 @@ def expected_extent(
     kinds = held, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
     extent = Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
     return replace(extent, wet=len(releases)) if any(release.pore_pressure for release in releases) else extent
+
+
+def with_births(
+    extent: Extent, bed: Bed | None, releases: Sequence[Release], numerics: Numerics, friction: BasalFriction | float
+) -> Extent:
+    """The counts with all particles that a bed can give: its volume on the ground that a mass can reach.
+
+    ``friction`` is that of the run, or its angle [deg].
+    """
+    if bed is None:
+        return extent
+    from runout.release.sample import particles_per_axis
+    from runout.terrain.prepare import reachable
+
+    angle = math.atan(friction.least) if isinstance(friction, BasalFriction) else math.radians(friction)
+    terrain = releases[0].terrain
+    reached = reachable(terrain, np.sum([r.thickness for r in releases], axis=0), angle)
+    volume = float((bed.depth_on(terrain, releases) * reached).sum() * terrain.cell_area)
+    per_cell = math.prod(particles_per_axis(numerics.particles_per_cell or PARTICLES_PER_CELL))
+    return replace(extent, particles=extent.particles + math.ceil(volume * per_cell / math.prod(numerics.spacing)))
 
 
 def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:

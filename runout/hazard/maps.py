@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.hazard.bed_maps import BED_PRODUCTS
 from runout.hazard.joint import conditions_of
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_text
@@ -52,7 +53,7 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for name in OBSERVED_MAPS:
+    for name in dict.fromkeys((*BED_PRODUCTS, *OBSERVED_MAPS)):
         if name in hazard:
             yield name, name, {}
     for quantity in QUANTITIES.values():

@@ -16,8 +16,9 @@ from runout.io import netcdf
 from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_coordinates
 from runout.io.map_layers import add_layers, put, whole_chunks
-from runout.io.member_maps import MEMBER_MAPS, MemberMaps
+from runout.io.member_maps import BED_MAPS, MEMBER_MAPS, MemberMaps
 from runout.model.terrain import Terrain
+from runout.quantities import CHANGE
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -133,7 +134,11 @@ def members_file(
                 raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
             rows, columns = member.part.slices if known is None else (slice(0, size) for size in terrain.shape)
             place = whole_chunks(rows, terrain.shape[0]), whole_chunks(columns, terrain.shape[1])
-            for name in MEMBER_MAPS:
+            of_bed = [name for name in BED_MAPS if name in member.held()]
+            for name in (name for name in of_bed if name not in layers):
+                with netcdf.writing(path):
+                    layers[name] = _add_layers(file, name)
+            for name in (*MEMBER_MAPS, *of_bed):
                 cells = member.within(name, place) if known is None else member.layer(name, known)
                 with netcdf.writing(path):
                     put(layers[name], cells, (places[number],), (place[0].start, place[1].start))
@@ -161,7 +166,8 @@ def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
 
 
 def _add_layers(file: "netCDF4.Dataset", name: str) -> "netCDF4.Variable":
-    attributes = VARIABLES[name].attributes() | {"valid_min": np.float32(0.0)}
+    least = {} if name == CHANGE else {"valid_min": np.float32(0.0)}
+    attributes = VARIABLES[name].attributes() | least
     mapped = {"grid_mapping": "crs"} if "crs" in file.variables else {}
     return add_layers(file, name, attributes | mapped, ("realization",))
 

@@ -14,6 +14,7 @@ from runout.hazard.order import weighted_percentiles
 from runout.io.member_maps import MemberMaps
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.quantities import CHANGE
 from runout.scores.assessment import Assessment, Setting, against_observations, values_at_gauges
 from runout.scores.contingency import reached
 from runout.scores.elevation_change import elevation_change
@@ -85,9 +86,10 @@ def scored(
     setting = _setting(observed, site, terrain, releases, results)
     means, members = _Means(), {}
     for (member, path), weight in zip(ensemble.files.items(), ensemble.weights, strict=True):
-        flow = _flow(path, observed)
-        factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
-        change = elevation_change(flow.maps["deposit"], removed(releases, factor))
+        flow, change = _flow(path, observed)
+        if change is None:
+            factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
+            change = elevation_change(flow.maps["deposit"], removed(releases, factor))
         means.add(flow, change, float(weight), observed, setting.thresholds)
         assessment = against_observations(flow, observed, setting, change)
         members[str(member)] = [score.stored() for score in assessment.scores]
@@ -105,15 +107,17 @@ def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: S
     return Setting(thresholds, bars, observed.thalweg, start, terrain.elevation)
 
 
-def _flow(path: Path, observed: Observations) -> Flow:
+def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None]:
+    """Maps of a member, and its change of elevation (rows, columns) [m] if its bed was eroded, else None."""
     with MemberMaps(path) as file:
         if file.shape != observed.grid.shape:
             remedy = "remove the members and run the ensemble again"
             raise StorageError(f"{path}: its grid is not that of {observed.grid.source}; {remedy}")
         known = file.known()
         maps = {quantity: file.layer(name, known).astype(np.float64) for quantity, name in OF_MEMBER.items()}
+        change = file.layer(CHANGE, known).astype(np.float64) if CHANGE in file.held() else None
     maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
-    return Flow(observed.grid, maps)
+    return Flow(observed.grid, maps), change
 
 
 def removed(releases: Sequence[Release], factor: float = 1.0) -> np.ndarray:

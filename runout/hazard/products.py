@@ -12,6 +12,7 @@ from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
 from runout.errors import PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import writers
+from runout.hazard.bed_maps import BedMaps
 from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
@@ -115,6 +116,7 @@ def _write_members(
     """
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
+    of_bed = BedMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
     title = f"{_title(site)}: members of the ensemble"
     with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as copy:
 
@@ -122,8 +124,10 @@ def _write_members(
             resolution.update(worst([resolution, member.attributes]))
             stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
             copy(number, member)
+            of_bed.take(number, member)
 
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
+        of_bed.add_to(hazard)
     return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
 
 

@@ -14,14 +14,14 @@ from runout.io import netcdf
 from runout.io.grid import grid_coordinates
 from runout.io.window import NEVER_BELOW, Part
 from runout.model.terrain import Terrain
-from runout.quantities import ARRIVAL, member_map_names
+from runout.quantities import ARRIVAL, bed_map_names, member_map_names
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-MEMBER_MAPS = member_map_names()
+MEMBER_MAPS, BED_MAPS = member_map_names(), bed_map_names()
 RASTER = "raster"  # group with the place of the whole raster, in files that hold a part of it
 STEP = 64  # cells; parts begin and end on multiples of it
 SMALLEST_BLOCK = netcdf.CHUNK  # rows, and columns
@@ -173,8 +173,8 @@ class MemberMaps:
         )
 
     def held(self) -> tuple[str, ...]:
-        """Maps of a member that the file holds; a file that an earlier version wrote may lack some."""
-        return tuple(name for name in MEMBER_MAPS if name in self.file.variables)
+        """Maps of a member that the file holds: those of a bed where there is one; a file of an earlier version may lack some."""
+        return tuple(name for name in (*MEMBER_MAPS, *BED_MAPS) if name in self.file.variables)
 
     def blocks(self, cells: int, names: Sequence[str] = MEMBER_MAPS) -> Iterator[Block]:
         """Maps of these names, each cell once, in blocks of at most ``cells`` cells or of one chunk of the file."""
@@ -241,7 +241,7 @@ def read_maps(path: str | os.PathLike[str]) -> "xr.Dataset":
         if not member.is_part:
             return netcdf.read(path)
         dataset, known = member.grid(), member.known()
-        for name in MEMBER_MAPS:
+        for name in (*MEMBER_MAPS, *(name for name in BED_MAPS if name in member.held())):
             netcdf.add_map(dataset, name, member.layer(name, known))
     return dataset
 

@@ -13,7 +13,7 @@ from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.parameters import numpydoc
 from runout.model.registered_law import RegisteredLaw, calling, law_followed, require_declared
 from runout.model.registry import Registry, classes_in
-from runout.physics import contact
+from runout.physics import bed, contact
 
 PACKAGE = "runout.friction"
 DEFAULT_FRICTION = "coulomb"
@@ -92,6 +92,11 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     def effective_impulse(self) -> FunctionType:
         """:func:`runout.physics.contact.effective_impulse` with the resistance of this law, in plain Python."""
         return calling(contact.effective_impulse, law_resistance=self.at_base)  # type: ignore[arg-type]
+
+    @cached_property
+    def stress(self) -> FunctionType:
+        """:func:`runout.physics.bed.friction_stress` with the resistance of this law, in plain Python."""
+        return calling(bed.friction_stress, law_resistance=self.limited)  # type: ignore[arg-type]
 
     @cached_property
     def column_drag(self) -> FunctionType:

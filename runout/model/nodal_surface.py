@@ -1,4 +1,7 @@
-"""The ground of contact: the sliding surface on the nodes of the grid, made where it is asked for."""
+"""The ground of contact: the sliding surface on the nodes of the grid, made where it is asked for.
+
+A bed that is eroded lowers it while a run goes on; nothing else changes it.
+"""
 
 from dataclasses import dataclass, field
 
@@ -46,6 +49,30 @@ class NodalSurface:
             there.append(slice(low - start, max(low, high) - start))
         found.coefficients[*here] += self.change[*there]
         return found
+
+    def with_room(self, first: tuple[int, int], shape: tuple[int, int]) -> "NodalSurface":
+        """The same ground, of which :meth:`lower` may lower so many nodes from the ``first`` on; this one stays as it is."""
+        if not self.change.size:
+            return NodalSurface(self.surface, self.spacing, np.zeros(shape), first)
+        low = np.minimum(first, self.first)
+        size = np.maximum(np.add(first, shape), np.add(self.first, self.change.shape)) - low
+        i, j = self.first - low
+        change = np.zeros(size)
+        change[i : i + self.change.shape[0], j : j + self.change.shape[1]] = self.change
+        return NodalSurface(self.surface, self.spacing, change, (int(low[0]), int(low[1])))
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the coefficients of the nodes from the ``first`` on by a ``depth`` (n, m) [m], in place; they have a change.
+
+        The splines sum to one: the volume under the ground falls by the sum of the depths times the area of a cell.
+        """
+        i, j = first[0] - self.first[0], first[1] - self.first[1]
+        self.change[i : i + depth.shape[0], j : j + depth.shape[1]] -= depth
+        for tile in list(self._tiles):
+            corner = (tile[0] * TILE, tile[1] * TILE)
+            beside = zip(corner, first, depth.shape, strict=True)
+            if all(low < start + size and start < low + WIDTH for low, start, size in beside):
+                del self._tiles[tile]
 
     def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Elevation [m] at local positions [m]."""

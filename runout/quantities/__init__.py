@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 DEPOSIT = "deposit"
+ERODED, CHANGE = "eroded_depth", "elevation_change"  # maps at the end of a run with an erodible bed
 ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
 UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
 
@@ -136,6 +137,11 @@ def peak_quantities() -> list[MapQuantity]:
 def member_map_names() -> tuple[str, ...]:
     """Names of the maps of a member: peaks, arrival, and the deposit."""
     return (*(q.member_map for q in peak_quantities()), ARRIVAL, QUANTITIES[DEPOSIT].member_map)
+
+
+def bed_map_names() -> tuple[str, ...]:
+    """Names of the maps that members with an erodible bed have besides."""
+    return ERODED, CHANGE
 
 
 def quantity_of(variable: str) -> MapQuantity | None:

@@ -70,6 +70,7 @@ def headline_sheets(study: Study) -> list[Sheet]:
         *(sheet for name in HEADLINES for sheet in _percentile_sheets(hazard, QUANTITIES[name])),
         _arrival_sheet(hazard),
         *_deposit_sheets(hazard),
+        *_bed_sheets(hazard),
     ]
 
 
@@ -175,13 +176,25 @@ def _deposit_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
     yield Sheet("Deposit, mean of the members", caption, hazard["mean_deposit_thickness"].values, "deposit")
 
 
+def _bed_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
+    """Maps of an ensemble with an erodible bed."""
+    if "mean_eroded_depth" in hazard:
+        caption = "Weighted mean over the members of the depth of the bed that the flow took up."
+        yield Sheet("Eroded depth, mean of the members", caption, hazard["mean_eroded_depth"].values, "deposit")
+        change = _without_zero(hazard["mean_elevation_change"].values)
+        yield Sheet("Change of elevation, mean of the members", MODELLED, change, "difference")
+
+
+MODELLED = "Mean over the members: deposit minus release, and minus the eroded depth where there is a bed."
+
+
 def observed_sheets(study: Study) -> list[Sheet]:
     """Maps of a site with observed deposits or changes of elevation: observed, and modelled minus observed."""
     titles = {
         "observed_deposit_thickness": ("Observed deposit", "Cells without colour have none, or are unknown.", "deposit"),
         "deposit_thickness_difference": ("Deposit: difference", "Mean of the members minus observed.", "difference"),
         "observed_elevation_change": ("Observed change of elevation", "DEM of difference: later minus earlier.", "difference"),
-        "mean_elevation_change": ("Modelled change of elevation", "Mean over the members: deposit minus release.", "difference"),
+        "mean_elevation_change": ("Modelled change of elevation", MODELLED, "difference"),
         "elevation_change_difference": ("Change of elevation: difference", "Mean of the members minus observed.", "difference"),
     }
     present = [(name, *words) for name, words in titles.items() if name in study.hazard]

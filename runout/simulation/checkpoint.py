@@ -11,10 +11,11 @@ import os
 import time
 import zipfile
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -109,8 +110,18 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
     return None
 
 
-def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
-    """Checksum of all that a run depends on: sources of runout, scene, particles, and further choices with a complete ``repr``."""
+class Content(Protocol):
+    """Something that a run depends on."""
+
+    def content(self) -> Iterable[np.ndarray]:
+        """Arrays that determine it."""
+
+
+def run_key(scene: Scene, particles: ParticleSource, *choices: Any, more: "Content | None" = None) -> str:
+    """Checksum of all that a run depends on.
+
+    That is sources of runout, scene, particles, further choices with a complete ``repr``, and the content of ``more``.
+    """
     digest = hashlib.sha256(repr((FORMAT, source_code.checksums().members, np.__version__, member_map_names(), choices)).encode())
     ground = scene.ground
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.scheme())
@@ -129,6 +140,6 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
         digest.update(repr((field.spacing, field.origin, field.band)).encode())
         arrays += [field.blocks, field.distance, field.patch, *vars(field.patches).values()]
     arrays += [scene.pore_table().view(np.uint8)]
-    for values in chain(arrays, particles.content()):
+    for values in chain(arrays, particles.content(), more.content() if more else ()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

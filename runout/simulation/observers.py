@@ -133,8 +133,12 @@ class ParticleSample:
         return cls(-(-particles // stride) if most else 0, max(1, stride))
 
     def take(self, particles: Particles, spacing: tuple[float, float, float]) -> np.ndarray:
-        """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain."""
-        sample = particles.take(particles.identity % self.stride == 0)
+        """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain.
+
+        Particles that an erodible bed gave are not among them.
+        """
+        of_start = particles.identity < self.size * self.stride
+        sample = particles.take((particles.identity % self.stride == 0) & of_start)
         frame = np.full((self.size, 4), np.nan, np.float32)
         speed = np.linalg.norm(sample.velocity, axis=1)
         frame[sample.identity // self.stride] = np.column_stack([sample.position(np.array(spacing)), speed])
@@ -174,10 +178,20 @@ class Frame:
         return Frame(time, thickness, flux / np.maximum(thickness, np.finfo(float).tiny), particles.astype(np.float32))
 
 
-class Ledger:
-    """Rows of the backend's ledger over time."""
+OF_A_BED = "entrained_mass", "entrained_energy", "entrainment_dissipation"  # of a row, only where there is one
 
-    def __init__(self) -> None:
+
+class Ledger:
+    """Rows of the backend's ledger over time.
+
+    Parameters
+    ----------
+    entrains : bool
+        Whether there is an erodible bed.
+    """
+
+    def __init__(self, entrains: bool = False) -> None:
+        self.left_out = ("momentum", "basal_impulse", "box_blocks", *(() if entrains else OF_A_BED))
         self.time: list[float] = []
         self.dt: list[float] = []
         self.memory: list[int] = []
@@ -203,7 +217,7 @@ class Ledger:
 
     def series(self) -> dict[str, np.ndarray]:
         """Arrays (times,) by name; ``numerical_dissipation`` [J] closes the energy budget."""
-        plain = [name for name in vars(self.rows[0]) if name not in ("momentum", "basal_impulse", "box_blocks")]
+        plain = [name for name in vars(self.rows[0]) if name not in self.left_out]
         series = {name: np.array([getattr(row, name) for row in self.rows]) for name in plain}
         for d, axis in enumerate("xyz"):
             series[f"momentum_{axis}"] = np.array([row.momentum[d] for row in self.rows])
@@ -211,6 +225,8 @@ class Ledger:
         outside = series["basal_dissipation"] + series["structure_dissipation"]
         series["dissipation"] = outside + series["plastic_dissipation"]
         series["numerical_dissipation"] = stored[0] - stored - series["dissipation"] - series["escaped_energy"]
+        if "entrained_energy" in series:
+            series["numerical_dissipation"] += series["entrained_energy"] - series["entrainment_dissipation"]
         series["dt"], series["memory"] = np.array(self.dt), np.array(self.memory, np.int64)
         return series | self._sparsity(series["active_blocks"])
 

@@ -14,6 +14,7 @@ from runout.model.particles import Particles
 from runout.model.probe_series import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
+from runout.quantities import bed_map_names
 from runout.simulation.structure_forces import StructureForces
 from runout.terrain.relief import half_width
 
@@ -90,7 +91,8 @@ class Result:
 
         ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``max_momentum_flux`` [m3 s-2] (largest h v^2),
         ``arrival_time`` [s] (missing in cells that the flow does not reach) and ``deposit_thickness`` [m]. Thickness is vertical.
-        Cells without elevation are NaN.
+        With an erodible bed also ``eroded_depth`` and ``elevation_change`` [m] (deposit minus release and eroded depth). Cells
+        without elevation are NaN.
         """
         from runout.io.netcdf import map_dataset
 
@@ -141,6 +143,8 @@ class Result:
         area, mass = self.terrain.cell_area, self.series["mass"]
         thickness, speed = (np.nan_to_num(self.fields[f"max_{name}"]) for name in ("flow_thickness", "speed"))
         deposit = np.nan_to_num(self.fields["deposit_thickness"])
+        given = self.series["entrained_mass"][-1] / mass[0] if "entrained_mass" in self.series and mass[0] > 0 else None
+        bed = {} if given is None else self._facts_of_bed(given, area)
         return {
             "ended": f"{self.stop_reason} at {short(self.series['time'][-1], 's')}",
             "size": f"{self.n_particles} particles, {self.steps} steps, {short(self.timing.get('total', 0.0), 's')}",
@@ -149,8 +153,18 @@ class Result:
             "area reached": short((thickness > 0).sum() * area, "m2"),
             "volume at the end": short(deposit.sum() * area, "m3"),
             "escaped": f"{100 * (1 - mass[-1] / mass[0]):.3g} % of the mass" if mass[0] > 0 else "no mass",
+            **bed,
             "resolution": self.depth_resolution.statement(),
             "snapshots": str(len(self.snapshots)),
+        }
+
+    def _facts_of_bed(self, share: float, area: float) -> dict[str, str]:
+        """Volumes that the flow took up, and by which the ground is lower and higher; ``share`` of the released mass."""
+        eroded, change = (np.nan_to_num(self.fields[name]) for name in bed_map_names())
+        lower, higher = (short(float(np.maximum(sign * change, 0.0).sum() * area), "m3") for sign in (-1.0, 1.0))
+        return {
+            "taken up": f"{short(float(eroded.sum() * area), 'm3')} of the bed, {100 * share:.3g} % of the released mass",
+            "change of elevation": f"{lower} eroded, {higher} deposited",
         }
 
     def __repr__(self) -> str:

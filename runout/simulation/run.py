@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from runout.backends import footprints
-from runout.backends.protocol import Backend, BatchBackend, LedgerRow, RasterSums, ResumableBackend, WindowBackend
+from runout.backends.protocol import Backend, BatchBackend, Counters, LedgerRow, RasterSums, ResumableBackend, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError
 from runout.model.depth_resolution import DepthResolution, flow_depth
@@ -20,13 +20,16 @@ from runout.model.probes import Probes
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
+from runout.quantities import DEPOSIT, QUANTITIES
 from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.erosion import ErodingBed
 from runout.simulation.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
 from runout.simulation.probe_recorder import ProbeRecorder
 from runout.simulation.result import Result
 from runout.simulation.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
+DEPOSIT_MAP = QUANTITIES[DEPOSIT].member_map
 OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
 CROSSING = 1.0  # largest travel between two observations, in grid cells or, if longer, raster cells
 BATCH = 32  # steps of one size before it is chosen again, at most
@@ -58,6 +61,8 @@ class RunControl:
         Most particles that are kept at each snapshot.
     probes : Probes or None
         Points and cross-sections, in local coordinates, at which time series are recorded.
+    bulking : float
+        Volume of the deposit over that of its mass without stress [1].
     """
 
     end_time: float
@@ -69,9 +74,11 @@ class RunControl:
     force_interval: float | None = None
     snapshot_particles: int = 0
     probes: Probes | None = None
+    bulking: float = 1.0
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
+        checked("bulking", self.bulking, error=ConfigError)
         checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
         if self.force_interval is not None and not 0 <= self.force_interval < math.inf:
             raise ConfigError(f"force_interval is {self.force_interval!r} s; it must be 0 (every step) or more")
@@ -86,14 +93,15 @@ class Run:
 
     def __init__(
         self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None,
-        keep: Checkpoint | None, structures: Structures | None = None,
+        keep: Checkpoint | None, structures: Structures | None = None, bed: ErodingBed | None = None,
     ):  # fmt: skip
-        self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
+        self.engine, self.control, self.progress, self.keep = engine, control, progress, keep
+        self.bed, self.scene = bed, bed.scene if bed else scene
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         probes = control.probes
         self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
-        self.ledger, self.rest = Ledger(), AtRest()
+        self.ledger, self.rest = Ledger(bed is not None), AtRest()
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -103,7 +111,7 @@ class Run:
         self.frame_before: Frame | None = None  # the last state before the next snapshot
         self.planned = self.made = self.first_look = 0  # transfers of the series
         self.look_every = self.substeps = 1
-        self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
+        self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = self.eroding = 0.0
         self.particle_volume = 0.0  # mean [m3]
 
     def count(self, particles: ParticleSource) -> None:
@@ -115,9 +123,13 @@ class Run:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
         self.count(particles)
         state = self.keep.read() if self.keep else None
+        if self.bed:
+            self.bed.begin(particles)
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
             return
+        if self.bed:
+            self.bed.restore(part(state, "bed."))
         self.engine.restore(self.scene, part(state, "backend."))
         put_arrays(self, state, "run.")
         put_arrays(self.peaks, state, "peaks.")
@@ -142,6 +154,7 @@ class Run:
         if self.forces.structures:
             state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
         state |= {f"probes.{name}": values for name, values in self.probes.state().items()} if self.probes else {}
+        state |= {f"bed.{name}": values for name, values in self.bed.state().items()} if self.bed else {}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
         state["frames.particles"] = np.array(self.particle_frames)
@@ -150,20 +163,26 @@ class Run:
 
     def timing(self, setup: float) -> dict[str, float]:
         """Seconds by stage, including the time before a checkpoint."""
-        own = {"observers": self.observing, "checkpoints": self.keep.seconds} if self.keep else {"observers": self.observing}
-        return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
+        own = {"observers": self.observing} | ({"checkpoints": self.keep.seconds} if self.keep else {})
+        own |= {"erosion": self.eroding} if self.bed else {}
+        return {"setup": setup, **self.counters.seconds, **own, "total": setup + self.seconds}
 
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
         """Result of the run so far, after ``setup`` [s] of preparation; with ``brought`` it has the particles as they are."""
-        maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
-        fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps}
+        maps = self.peaks.maps()
+        if self.control.bulking != 1.0:
+            maps[DEPOSIT_MAP] = self.control.bulking * maps[DEPOSIT_MAP]
+        if self.bed:
+            maps |= self.bed.maps(maps[DEPOSIT_MAP])
+        # only on known ground: the footprint of a particle may extend beyond an edge
+        fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps.items()}
         return Result(
             terrain=terrain,
             fields=fields,
             series={"time": np.array(self.ledger.time), **self.ledger.series()},
             bring=self.engine.particles if brought else lambda: Particles.zeros(0),
             spacing=self.scene.spacing,
-            steps=self.engine.counters.steps,
+            steps=self.counters.steps,
             n_particles=n_particles,
             timing=self.timing(setup),
             stop_reason=self.reason,
@@ -177,7 +196,7 @@ class Run:
 
     def depth_resolution(self) -> DepthResolution:
         """Resolution of the flow so far, with the mean length of a transfer."""
-        depth, transfers = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.transfers
+        depth, transfers = flow_depth(self.peaks.peaks[THICKNESS]), self.counters.transfers
         return DepthResolution.of(depth, self.scene, self.time / max(1, transfers), self.particle_volume)
 
     def go(self) -> None:
@@ -215,7 +234,7 @@ class Run:
         """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
             if self.forces.structures:
-                self.forces.record(self.time, self.engine.structure_impulses())
+                self.forces.record(self.time, self._structure_impulses())
             self._note(self.time, self._columns())
             self._keep_snapshots()
             self._observe()
@@ -233,6 +252,8 @@ class Run:
         count = self.planned - self.made
         if self.forces.structures:
             count = min(count, max(1, self._steps_until(self.forces.due) - self.made))
+        if self.bed:
+            count = min(count, max(1, self._steps_until(self.bed.due) - self.made))
         if self.pending:
             count = min(count, self._steps_before_snapshot())
         planned = range(self.first_look, self.planned + 1, self.look_every)
@@ -302,11 +323,29 @@ class Run:
     def arrive(self, count: int) -> None:
         """Account for ``count`` finished steps; record forces, snapshots and a row of the ledger if they are due."""
         self.time, self.made = self._time_after(count), self.made + count
+        if self.bed and self.time >= self.bed.due - self._rounding:
+            self._erode(self.bed)
         if self.time >= self.forces.due - self._rounding:
-            self.forces.record(self.time, self.engine.structure_impulses())
+            self.forces.record(self.time, self._structure_impulses())
         self._keep_snapshots()
         if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
             self._observe()
+
+    def _erode(self, bed: ErodingBed) -> None:
+        """Erode the bed up to the present time."""
+        started = clock.perf_counter()
+        bed.update(self.engine, self.time)
+        self.eroding += clock.perf_counter() - started
+
+    @property
+    def counters(self) -> Counters:
+        """Work since the start of the run."""
+        return self.bed.counters(self.engine.counters) if self.bed else self.engine.counters
+
+    def _structure_impulses(self) -> np.ndarray:
+        """Impulses (patches, 3) [N s] since the start of the run."""
+        impulses = self.engine.structure_impulses()
+        return self.bed.structure_impulses(impulses) if self.bed else impulses
 
     @property
     def _rounding(self) -> float:
@@ -338,12 +377,13 @@ class Run:
         started, control = clock.perf_counter(), self.control
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
-        self._record(self.engine.ledger(), self.engine.memory_bytes())
+        row = self.engine.ledger()
+        self._record(self.bed.ledger(row) if self.bed else row, self.engine.memory_bytes())
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
             self._note(self.time, self._columns())
         if self.reason and self.forces.structures and self.forces.times[-1] < self.time:
-            self.forces.record(self.time, self.engine.structure_impulses())
+            self.forces.record(self.time, self._structure_impulses())
         if self.progress:
             self.progress(1.0 if self.reason else self.time / control.end_time)
         self.observing += clock.perf_counter() - started

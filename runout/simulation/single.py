@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, expected_memory, require_memory
+from runout.forecast.memory import Extent, expected_memory, require_memory, with_births
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
+from runout.model.bed import Bed
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.numerics import Numerics
@@ -20,6 +21,7 @@ from runout.model.scene import Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
+from runout.simulation.erosion import eroding_bed
 from runout.simulation.result import Result
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
@@ -37,6 +39,8 @@ def simulate(
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
+    bed: Bed | None = None,
+    bulking: float = 1.0,
     cell_size: float | tuple[float, float, float] | None = None,
     particles_per_cell: int | tuple[int, int, int] | None = None,
     end_time: float,
@@ -77,6 +81,10 @@ def simulate(
         Zones where the ground multiplies or replaces the friction, see :meth:`runout.FrictionZones.from_vector`.
     structures : Structures or StructureField, optional
         Buildings, walls, dams or galleries that the flow meets; the forces on them are ``Result.structure_forces``.
+    bed : Bed, optional
+        Erodible bed on the ground, which the flow takes up at the rate of a law.
+    bulking : float
+        Volume of the deposit over that of its mass without stress [1], 0.1 to 10: multiplies the thickness of the deposit.
     cell_size : float or (dx, dy, dz)
         Grid spacing [m]; required without ``accuracy``.
     particles_per_cell : int or (nx, ny, nz)
@@ -132,10 +140,9 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    times, places = tuple(sorted(snapshot_times)), probes.on(terrain) if probes else None
     control = RunControl(
-        end_time, stop, arrival_threshold, times,
-        force_interval=force_interval, snapshot_particles=snapshot_particles, probes=places,
+        end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)), force_interval=force_interval,
+        snapshot_particles=snapshot_particles, probes=probes.on(terrain) if probes else None, bulking=bulking,
     )  # fmt: skip
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
@@ -147,8 +154,8 @@ def simulate(
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:
-        needed = expected_memory(extent, terrain.elevation.size, numerics, engine, named, basal_friction)
-        require_memory(needed, engine, memory_gb)
+        whole = with_births(extent, bed, releases, numerics, basal_friction or basal_friction_angle)
+        require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
 
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
@@ -156,9 +163,10 @@ def simulate(
     )  # fmt: skip
     for sentence in _statements(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
-    key = run_key(scene, particles, control, type(engine).__name__) if checkpoint else ""
+    eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
+    key = run_key(scene, particles, control, type(engine).__name__, more=eroding) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
-    run = Run(engine, scene, control, progress, keep, named)
+    run = Run(engine, scene, control, progress, keep, named, eroding)
     n_particles = len(particles)
     run.start(particles)
     del particles

@@ -41,7 +41,7 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     gridded, said, warnings = {}, [], []
     for key, path in paths.items():
         parameter, number = of_law[key]
-        values, sentences, doubts = _sampled(Path(path), terrain, parameter)
+        values, sentences, doubts = sampled_raster(Path(path), terrain, parameter)
         gridded[number] = np.isnan(values).astype(float), _numbers(values, chosen, parameter, number)
         known = values[np.isfinite(values)]
         said += [*sentences, f"{path}: {key} is {known.min():.4g} to {known.max():.4g} on {len(known)} cells of the terrain."]
@@ -55,18 +55,7 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     )
 
 
-def cells_of(path: Path, terrain: Terrain, parameter: Parameter) -> np.ndarray:
-    """Values (nx, ny) of a raster of any parameter on the cells of a terrain, from the south-west corner; NaN where there is none.
-
-    Raises
-    ------
-    ZoneError
-        With the place, the value and the remedy.
-    """
-    return _sampled(path, terrain, parameter)[0]
-
-
-def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
+def sampled_raster(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
     """Values (nx, ny) of the raster cells that hold the centres of the cells of a terrain, NaN where there is none.
 
     Also sentences on changes, and on values that hardly are meant.

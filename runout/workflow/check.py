@@ -94,6 +94,7 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
     _read_zones(findings, readable, findings.terrain)
     _read_observations(findings, readable, findings.terrain)
     _read_probes(findings, readable, findings.terrain)
+    _read_bed(findings, readable, findings.terrain)
     _inspect_overlaps(findings, findings.terrain)
     _inspect_structures(findings, readable, findings.terrain)
     if findings.site is not None:
@@ -210,6 +211,25 @@ def _read_probes(findings: Findings, site: "Site", terrain: "Terrain") -> None:
         findings.note(error)
     else:
         findings.notes += [probes.statement(), *probes.changes] if probes else []
+
+
+def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Read the bed, and warn of what excavated releases cut off and of a depth that particles do not resolve."""
+    from runout.config.member_arguments import default_particles
+    from runout.release.sample import particles_per_axis
+
+    try:
+        bed = site.files.bed()
+    except InputError as error:
+        findings.note(error)
+        return
+    if bed is None or findings.site is None or not findings.releases:
+        return
+    size = grid_spacing(site.settings, findings.releases)
+    stated: Any = site.settings.simulation.particles_per_cell
+    count: Any = default_particles(site.settings, site.data(), size) if stated is None else stated
+    per_cell = math.prod(map(float, particles_per_axis(tuple(count) if isinstance(count, list) else count)))
+    findings.warnings += bed.sentences(terrain, findings.releases, size, math.prod(size) / per_cell)
 
 
 def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from runout.backends.protocol import bytes_on_host
 from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
-from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
+from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
@@ -205,6 +205,8 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
         cells, numerics = arguments["terrain"].elevation.size, Numerics.of(arguments)
         has = named_structures(arguments.get("structures")), arguments.get("basal_friction")
         engine = None if arguments["device"] == "cpu" else engine_for(arguments)
+        basal = has[1] or arguments["basal_friction_angle"]
+        extent = with_births(extent, arguments.get("bed"), arguments["release"], numerics, basal)
         found.append(expected_memory(extent, cells, numerics, engine, *has, host_bytes=_noted_bytes))
         raise _Fits
 

@@ -58,6 +58,10 @@ structures:
   - file: inputs/house.geojson
     name: house
     height: 5.0
+bed:
+  depth: 1.0
+  erosion: {law: ramms, rate: 0.025}
+bulking: 0.9
 probes:
   points: inputs/points.geojson
   cross_sections: inputs/line.geojson

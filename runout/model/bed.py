@@ -1,0 +1,122 @@
+"""Erodible bed: the material on the ground that a flow may take up."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ConfigError, require_kind
+from runout.model.arrays import real_array
+from runout.model.erosion_laws import DEFAULT_EROSION, EROSIONS, Erosion
+from runout.model.facts import short
+from runout.model.limits import LIMITS, checked
+from runout.model.readers import reader
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+
+EROSION_REMEDY = "give a law of erosion, for example runout.RammsErosion(rate=0.025)"
+
+
+def default_erosion() -> Erosion:
+    """The default law with its default parameters."""
+    return EROSIONS.find(DEFAULT_EROSION).example
+
+
+@dataclass(frozen=True, eq=False)
+class Bed:
+    """Erodible bed.
+
+    Parameters
+    ----------
+    depth : float or ndarray (rows, columns)
+        Vertical depth that can be eroded [m], 0 to 1000: one number, or one a cell of the terrain, north-west corner first; NaN
+        is 0.
+    erosion : Erosion
+        Law of the rate; :class:`runout.RammsErosion` with its default parameters by default.
+    density : float, optional
+        Of the bed [kg/m3]; that of the mass that erodes it by default. Eroded mass takes the density of the flow.
+    source : str
+        Where the depth is from, for messages.
+
+    Raises
+    ------
+    ConfigError
+        If a value cannot be used.
+    """
+
+    depth: float | np.ndarray
+    erosion: Erosion = field(default_factory=default_erosion)
+    density: float | None = None
+    source: str = "bed"
+
+    def __post_init__(self) -> None:
+        require_kind(Erosion, self.erosion, f"{self.source}: erosion", EROSION_REMEDY, ConfigError)
+        if self.density is not None:
+            checked("bed_density", self.density, place=self.source, key="density", error=ConfigError)
+        if np.ndim(self.depth) == 0:
+            checked("bed_depth", self.depth, place=self.source, key="depth", error=ConfigError)
+            return
+        depth = np.nan_to_num(real_array(self.depth, f"{self.source}: depth", ConfigError))
+        valid = LIMITS["bed_depth"]
+        beyond = np.argwhere((depth < 0) | (depth > valid.high))
+        if len(beyond):
+            row, column = map(int, beyond[0])
+            said = f"depth is {depth[row, column]:g} m at row {row}, column {column}, {len(beyond)} cells in all"
+            raise ConfigError(f"{self.source}: {said}; it must be at least 0 and at most {valid.high:g} m")
+        if not (depth > 0).any():
+            raise ConfigError(f"{self.source}: depth is 0 everywhere; state where the bed lies, or leave the bed out")
+        object.__setattr__(self, "depth", depth)
+
+    @classmethod
+    def from_vector(cls, path: str | PathLike[str], terrain: Terrain, depth: float | str, **choices: Any) -> "Bed":
+        """Bed inside the polygons of a GeoPackage, Shapefile or GeoJSON; ``depth`` [m] is a number or the name of an attribute.
+
+        ``choices`` are ``layer``, ``erosion`` and ``density``. ConfigError with place, value and remedy.
+        """
+        bed: Bed = reader("Bed.from_vector")(path, terrain, depth, **choices)
+        return bed
+
+    @classmethod
+    def from_raster(cls, path: str | PathLike[str], terrain: Terrain, **choices: Any) -> "Bed":
+        """Bed whose depth [m] a raster states, on any grid in any known coordinate system; it must cover the terrain.
+
+        ``choices`` are ``erosion`` and ``density``. ConfigError with place, value and remedy.
+        """
+        bed: Bed = reader("Bed.from_raster")(path, terrain, **choices)
+        return bed
+
+    def depth_on(self, terrain: Terrain, releases: Sequence[Release]) -> np.ndarray:
+        """Depth (rows, columns) [m] below releases: a scar has removed what it reaches of the bed; 0 without elevation.
+
+        Raises
+        ------
+        ConfigError
+            If the depth is that of another terrain.
+        """
+        if np.ndim(self.depth) and np.shape(self.depth) != terrain.shape:
+            shapes = f"{np.shape(self.depth)} cells, the terrain {terrain.shape}"
+            raise ConfigError(f"{self.source}: depth has {shapes}; give the depth on the cells of the terrain")
+        dug = np.sum([r.excavation for r in releases], axis=0)
+        return np.where(np.isfinite(terrain.elevation), np.maximum(0.0, self.depth - dug), 0.0)  # type: ignore[no-any-return]
+
+    def sentences(
+        self, terrain: Terrain, releases: Sequence[Release], spacing: tuple[float, float, float], volume: float
+    ) -> list[str]:
+        """What a user should know of the bed in a run with particles of a ``volume`` [m3]."""
+        left, found = self.depth_on(terrain, releases), []
+        whole = np.where(np.isfinite(terrain.elevation), self.depth, 0.0)
+        lost = float((whole - left).sum() * terrain.cell_area)
+        if lost > 0:
+            found.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
+        layer = volume / (spacing[0] * spacing[1])
+        thickest = float(left.max())
+        if thickest < layer:
+            finer = math.floor(spacing[0] * 1000 * thickest / layer) / 1000
+            found.append(
+                f"{self.source}: depth is {thickest:g} m at most, thinner than one particle ({layer:.3g} m); "
+                f"use cell_size: {finer:g} or less, or more particles_per_cell, to resolve it"
+            )
+        return found

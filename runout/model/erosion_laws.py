@@ -1,0 +1,111 @@
+"""Registry of laws of erosion: each file of :mod:`runout.erosion` registers one, which is found by name."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from types import FunctionType
+from typing import Any, ClassVar
+
+from runout.errors import ConfigError, MaterialError
+from runout.model.law_source import functions_of_law, require_shared_subset
+from runout.model.parameters import numpydoc, parameters_of
+from runout.model.registered_law import RegisteredLaw, law_followed, require_declared
+from runout.model.registry import Registry, classes_in
+
+PACKAGE = "runout.erosion"
+DEFAULT_EROSION = "ramms"
+ARGUMENTS = 7  # of ``rate``
+DENSITY = "density"  # of the bed [kg/m3], beside the parameters in the record that ``rate`` reads
+
+
+@dataclass(frozen=True, kw_only=True)
+class Erosion:
+    """Base of every law of the rate at which a flow erodes its bed.
+
+    A law adds its parameters as fields (:mod:`runout.model.parameters`) and is registered with its rate by
+    :func:`runout.register_erosion`. A value out of its range is a ConfigError.
+    """
+
+    law: ClassVar[str] = ""  # name in site.yaml
+    of_friction: ClassVar[bool] = False  # whether tau is the friction of the flow on the ground, not the driving stress
+
+    def __post_init__(self) -> None:
+        for p in parameters_of(type(self)):
+            object.__setattr__(self, p.name, p.checked(getattr(self, p.name), ConfigError))
+
+    def numbers(self) -> dict[str, float]:
+        """The parameters by name, in SI units and radians."""
+        return {p.name: p.si(getattr(self, p.name)) for p in parameters_of(type(self))}
+
+
+@dataclass(frozen=True)
+class ErosionLaw(RegisteredLaw[Erosion]):
+    """A registered law of erosion.
+
+    Attributes
+    ----------
+    rate : function
+        Erosion rate of a column, see :func:`register_erosion`.
+    """
+
+    rate: FunctionType
+    package = PACKAGE
+
+    @property
+    def function(self) -> FunctionType:
+        """Its rate."""
+        return self.rate
+
+    @cached_property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the numbers of a record, which ``rate`` reads."""
+        return (*(p.name for p in self.parameters), DENSITY)
+
+
+EROSIONS: Registry[ErosionLaw] = Registry("erosion law", PACKAGE, "runout.erosion", ConfigError)
+
+
+def register_erosion(erosion: type[Erosion], rate: Callable[..., Any]) -> None:
+    """Register a law of erosion under the name ``erosion.law``.
+
+    Parameters
+    ----------
+    erosion : type of Erosion
+        Frozen dataclass of keyword-only parameters, each made by :func:`runout.model.parameters.parameter`.
+    rate : function
+        ``rate(H, u, sigma, tau, pore_ratio, eroded, bed) -> E``: rate [m/s] normal to the ground under a column of the flow.
+        ``H`` is its thickness normal to the ground [m], ``u`` its mean speed [m/s], ``sigma`` the total normal stress and ``tau``
+        the shear stress at its base [Pa] (the driving stress, or with ``erosion.of_friction`` that of the law of friction),
+        ``pore_ratio`` its pore pressure over sigma [1], ``eroded`` the depth eroded so far, normal to the ground [m], ``bed`` the
+        record of the parameters in SI units and radians, and of the ``density`` of the bed [kg/m3]. Plain scalar Python of the
+        shared subset (:mod:`runout.model.law_source`).
+
+    Raises
+    ------
+    ConfigError
+        If the declaration is incomplete or inconsistent, or another law has the name.
+    """
+    if not isinstance(rate, FunctionType) or len(inspect.signature(rate).parameters) != ARGUMENTS:
+        wanted = "a plain function of (H, u, sigma, tau, pore_ratio, eroded, bed)"
+        raise ConfigError(f"erosion law {erosion.law}: rate must be {wanted}, not {rate!r}")
+    law = ErosionLaw(erosion.law, erosion, rate)
+    require_declared(law, "erosion law", Erosion, ConfigError, ranges=True)
+    if not law.is_of_runout:  # the tests of runout check its own
+        try:
+            for function in functions_of_law(law.rate):
+                require_shared_subset(function)
+        except MaterialError as error:
+            raise ConfigError(str(error)) from None
+    erosion.__doc__ = numpydoc(erosion)
+    EROSIONS.add(law.name, f"{erosion.__module__}.{erosion.__qualname__}", law)
+
+
+def public_names() -> dict[str, str]:
+    """Module of each class that an erosion law of runout defines, by its name."""
+    return classes_in(law.declaration.__module__ for law in EROSIONS.of_runout())
+
+
+def erosion_law_of(erosion: Erosion) -> ErosionLaw:
+    """The law that an erosion follows; ConfigError if its class is not registered."""
+    return law_followed(EROSIONS, erosion, "register_erosion")

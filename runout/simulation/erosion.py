@@ -1,0 +1,330 @@
+"""Erosion of a bed during a run, by the rate law of :mod:`runout.erosion` at the nodes of the plan.
+
+An update takes the columns of the flow and adds what the law erodes to what each node owes. 2 x 2 nodes together give birth to
+what they owe, rounded to whole particles, at the node that owes most: at rest, without stress, at the lowered ground, with the
+number and the density of the mass above. The ground is lowered by all that is eroded, so that it stays smooth; maps and ledger hold
+what became particles. The grid passes momentum to these in the next transfer.
+
+Updates come so often that the fastest particle goes half a cell and the bed falls by 2 % of a cell at most between two of them.
+"""
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from runout.backends import bed_loops
+from runout.backends.compile import array_binding, numba_binding
+from runout.backends.plan_areas import covered_shares
+from runout.backends.protocol import Backend, Counters, LedgerRow, WindowBackend
+from runout.backends.state import State, arrays_of, part, put_arrays
+from runout.errors import ConfigError, require_kind
+from runout.model.bed import Bed
+from runout.model.erosion_laws import DENSITY, ErosionLaw, erosion_law_of
+from runout.model.friction_laws import FrictionLaw
+from runout.model.nodal_surface import NodalSurface
+from runout.model.particle_source import ParticleSource
+from runout.model.particles import Particles
+from runout.model.release import Release
+from runout.model.scene import Scene
+from runout.model.terrain import Terrain
+from runout.quantities import bed_map_names
+from runout.release import stagger
+from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, AreaSums, Columns, births, rounding_of
+
+LOGGER = logging.getLogger(__name__)
+TRAVEL = 0.5  # cells that the fastest particle may go between two updates
+LOWERING = 0.02  # cells by which the bed may fall between two updates
+LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth loads the backend anew
+MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
+SUMMED = ("escaped_mass", "basal_dissipation", "plastic_dissipation", "escaped_energy", "basal_impulse", "structure_dissipation")
+COUNTED = "steps", "transfers", "particle_steps", "rebuilds"
+
+
+@cache
+def loops(law: ErosionLaw, friction: FrictionLaw) -> SimpleNamespace:
+    """The compiled loop of :mod:`runout.backends.bed_loops` for two laws."""
+    binding = numba_binding(np.float64, False)
+    return binding.kernels(bed_loops, **vars(binding.erosion(law, friction)))
+
+
+@dataclass
+class Booked:
+    """Sums of the backend before it was last loaded, and what the bed gave."""
+
+    entrained_mass: float = 0.0  # [kg]
+    entrained_energy: float = 0.0  # [J], potential, at birth
+    entrainment_dissipation: float = 0.0  # [J]: half of the new mass times the squared speed of the column that takes it up
+    escaped_mass: float = 0.0
+    basal_dissipation: float = 0.0
+    plastic_dissipation: float = 0.0
+    escaped_energy: float = 0.0
+    structure_dissipation: float = 0.0
+    basal_impulse: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    steps: int = 0
+    transfers: int = 0
+    particle_steps: int = 0
+    rebuilds: int = 0
+
+
+class ErodingBed:
+    """The bed of one run: how much of it is eroded and owed, and the particles that are born of it.
+
+    Parameters
+    ----------
+    bed : Bed
+    scene : Scene
+        :attr:`scene` is the same on a ground of its own, which births lower.
+    terrain, releases
+        On whose cells the depth lies.
+    per_axis : tuple of int
+        Particles (px, py, pz) of a cell.
+
+    Attributes
+    ----------
+    first : tuple of int
+        First node of the window of nodes with a bed.
+    eroded, owed, sunk : ndarray (nx, ny)
+        Vertical depth [m] that is eroded; that part of it of which no particle is born yet, less than nothing where particles came
+        early; and by which the ground was lowered when particles were born last.
+    """
+
+    def __init__(self, bed: Bed, scene: Scene, terrain: Terrain, releases: Sequence[Release], per_axis: tuple[int, int, int]):
+        self.bed, self.law = bed, erosion_law_of(bed.erosion)
+        self.depth = AreaSums.of_raster(bed.depth_on(terrain, releases), scene)
+        self.released = np.sum([r.thickness for r in releases], axis=0)  # (rows, columns) [m]
+        self.first, shape = self.depth.nodes(scene.spacing)
+        assert scene.ground is not None
+        self.ground: NodalSurface = scene.ground.with_room(self.first, shape)
+        self.scene = replace(scene, surface=self.ground)
+        self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
+        self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
+        self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.releases = np.zeros(shape, np.int32)  # that owns most of each column
+        self.time = self.due = self.births_at = 0.0  # [s]
+        self.born = 0
+        self.particles = 0  # at the start
+        self.booked, self.impulses = Booked(), np.zeros((0, 3))
+        self.stages: dict[str, float] = {}  # seconds of the backend before it was last loaded
+
+    @property
+    def area(self) -> float:
+        """Of a node [m2]."""
+        return self.scene.spacing[0] * self.scene.spacing[1]
+
+    def content(self) -> list[np.ndarray]:
+        """Arrays and numbers that, with the scene, determine what is eroded."""
+        numbers = [*self.bed.erosion.numbers().values(), self.bed.density or 0.0, self.volume, self.radius]
+        return [self.depth.total, np.frombuffer((self.law.name + self.law.source).encode(), np.uint8), np.array(numbers)]
+
+    def begin(self, particles: ParticleSource) -> None:
+        """Note how many particles there are at the start, and where those of several releases lie."""
+        self.particles = len(particles)
+        if len(self.scene.materials) > 1:
+            for chunk in particles.chunks(stressed=False):
+                self._note_releases(chunk)
+
+    def update(self, engine: Backend, time: float) -> None:
+        """Erode the bed up to a ``time`` [s], and load the backend anew if births are due."""
+        lasting, self.time = time - self.time, time
+        found = engine.lattice_columns() if isinstance(engine, WindowBackend) else None
+        boxes = found.boxes if found is not None else None
+        columns = Columns.of(boxes).window(self.first, self.owed.shape) if boxes is not None else None
+        fastest = 0.0
+        if columns is not None:
+            fastest = self._erode(columns, lasting)
+            if 4.0 * self.area * fastest * (time - self.births_at) >= LATE * self.volume or fastest == 0.0:
+                self.births_at = time
+                self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
+        g, h = math.hypot(*self.scene.gravity), min(self.scene.spacing)
+        travel = array_binding().bed.time_to_travel(TRAVEL * h, engine.max_speed, max(g, 1e-12))
+        self.due = time + min(float(travel), LOWERING * h / max(fastest, 1e-12))
+
+    def _erode(self, columns: Columns, lasting: float) -> float:
+        """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""
+        part_of = self._part(columns)
+        owed, eroded = self.owed[part_of], self.eroded[part_of]
+        left = self.depth.on_nodes(columns.first, owed.shape, self.scene.spacing) - eroded
+        speed = columns.speed
+        i, j = np.nonzero((left > 0.0) & (speed >= MOVING))
+        if not len(i):
+            return 0.0
+        rates, density = np.zeros(len(i)), columns.mass[i, j] / columns.volume[i, j]
+        slopes, covered = self._slopes_at(columns.first, i, j), covered_shares(columns.mass)[i, j]
+        thickness = columns.volume[i, j] / (self.area * covered)
+        flow = np.column_stack([thickness, speed[i, j], density, np.zeros(len(i))])  # pore ratio: 0
+        basal = np.zeros(len(i), self.scene.basal.table().dtype)
+        if self.bed.erosion.of_friction:
+            x, y = ((index + start) * h for index, start, h in zip((i, j), columns.first, self.scene.spacing, strict=False))
+            basal = self.scene.basal.records(self.scene.basal.rows(self.releases[part_of][i, j], x, y))
+        run = loops(self.law, self.scene.basal.law).take_rates
+        of_friction = int(self.bed.erosion.of_friction)
+        run(flow, slopes, eroded[i, j], np.array(self.scene.gravity), basal, self._record(), of_friction, rates)
+        more = np.minimum(lasting * rates * covered, left[i, j])
+        eroded[i, j] += more
+        owed[i, j] += more
+        return float(rates.max())
+
+    def _record(self) -> np.ndarray:
+        """Record (1,) of the parameters of the law and the density [kg/m3] of the bed."""
+        density = self.bed.density or float(self.scene.densities[0])
+        record = np.zeros(1, [(name, np.float64) for name in self.law.fields])
+        for name, value in {**self.bed.erosion.numbers(), DENSITY: density}.items():
+            record[name] = value
+        return record
+
+    def _slopes_at(self, first: tuple[int, int], i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """Slopes (n, 2) [1] of the ground at nodes ``i``, ``j`` (n,) from ``first`` on."""
+        dx, dy, _ = self.scene.spacing
+        _, east, north = self.ground.evaluate((first[0] + i) * dx, (first[1] + j) * dy)
+        return np.column_stack([east, north])
+
+    def _part(self, columns: Columns) -> tuple[slice, slice]:
+        """Part of the window of the bed where columns lie."""
+        begin = [a - b for a, b in zip(columns.first, self.first, strict=True)]
+        along, across = (slice(b, b + n) for b, n in zip(begin, columns.volume.shape, strict=True))
+        return along, across
+
+    def _give_birth(self, engine: Backend, columns: Columns, late: float) -> None:
+        """Particles for what pools of nodes owe (:func:`_births`); the ground falls by all that is eroded.
+
+        Where nothing is eroded any more, wider pools collect what is left of particles.
+        """
+        part_of = self._pools_around(columns)
+        first = (self.first[0] + part_of[0].start, self.first[1] + part_of[1].start)
+        owed, releases, densities = self.owed[part_of], self.releases[part_of], self.scene.densities
+        mass = (densities * self.volume).astype(self.scene.dtype).astype(np.float64)  # of a particle of each release
+        takes = (mass / (self.bed.density or densities) / self.area)[releases]  # [m] of the bed
+        left = self.depth.on_nodes(first, owed.shape, self.scene.spacing) - self.eroded[part_of]
+        rounding, count = rounding_of(first, owed.shape), np.zeros(owed.shape, np.int64)
+        for size in POOL_WIDTHS[:1] if late > 0.0 else POOL_WIDTHS:
+            more, given = births(owed, left, takes, rounding if late > 0.0 else np.zeros(owed.shape), late, size)
+            owed -= given
+            count += more
+        if not count.any():
+            return
+        self.ground.lower(self.first, self.eroded - self.sunk)
+        self.sunk = self.eroded.copy()
+        i, j = (np.repeat(index, count[count > 0]) for index in np.nonzero(count))
+        newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
+        self._book(engine, columns, newborn, i + first[0], j + first[1])
+        present = engine.particles()
+        if len(self.scene.materials) > 1:
+            self._note_releases(present)
+        arrays = {name: np.concatenate([values, getattr(newborn, name)]) for name, values in vars(present).items()}
+        engine.load(self.scene, Particles(**arrays))
+
+    def _pools_around(self, columns: Columns) -> tuple[slice, slice]:
+        """Part of the window of the bed whose widest pools hold columns: pools stay where they are while the flow moves."""
+        widest = POOL_WIDTHS[-1]
+        along, across = (
+            slice(part.start // widest * widest, min(-(-part.stop // widest) * widest, size))
+            for part, size in zip(self._part(columns), self.owed.shape, strict=True)
+        )
+        return along, across
+
+    def _particles_at(self, i: np.ndarray, j: np.ndarray, releases: np.ndarray, mass: np.ndarray) -> Particles:
+        """Particles at rest on the ground, of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,)."""
+        number, raster = self.born + np.arange(len(i)), self.scene.raster
+        x, y = (
+            np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
+            for index, step, h, cells, size in zip(
+                (i, j), PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
+            )
+        )
+        z, east, north = self.ground.evaluate(x, y)
+        above = self.radius * np.sqrt(1.0 + east**2 + north**2)
+        newborn = Particles.at(np.column_stack([x, y, z + above]), np.array(self.scene.spacing))
+        newborn.release[:] = releases
+        newborn.mass[:] = mass[releases]
+        newborn.volume[:] = newborn.mass / self.scene.densities[releases]
+        newborn.radius[:], newborn.identity[:] = self.radius, self.particles + number
+        self.born += len(i)
+        return newborn
+
+    def _book(self, engine: Backend, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
+        """Add the sums of the backend, which loading sets to zero, and mass and energy of particles at nodes ``i``, ``j`` (n,)."""
+        booked, row = self.booked, engine.ledger()
+        for name in SUMMED:
+            setattr(booked, name, getattr(booked, name) + getattr(row, name))
+        for name in COUNTED:
+            setattr(booked, name, getattr(booked, name) + getattr(engine.counters, name))
+        impulses = engine.structure_impulses()
+        self.impulses = self.impulses + impulses if len(self.impulses) else impulses
+        self.stages = _added(self.stages, engine.counters.seconds)
+        height = newborn.position(np.array(self.scene.spacing)) @ np.array(self.scene.gravity)
+        booked.entrained_mass += float(newborn.mass.sum())
+        booked.entrained_energy -= float(newborn.mass @ height)
+        booked.entrainment_dissipation += float(0.5 * newborn.mass @ columns.speed_at(i, j) ** 2)
+
+    def _note_releases(self, particles: Particles) -> None:
+        """Note which release has most of the mass around each node."""
+        node = particles.node[:, :2] + np.round(particles.offset[:, :2]).astype(np.int64) - np.array(self.first)
+        inside = ((node >= 0) & (node < self.owed.shape)).all(axis=1)
+        places = np.ravel_multi_index(tuple(node[inside].T), self.owed.shape)
+        count = len(self.scene.materials)
+        own = np.bincount(places * count + particles.release[inside], particles.mass[inside], self.owed.size * count)
+        by_release = own.reshape(*self.owed.shape, count)
+        self.releases = np.where(by_release.any(axis=2), by_release.argmax(axis=2), self.releases).astype(np.int32)
+
+    def ledger(self, row: LedgerRow) -> LedgerRow:
+        """A row of the backend with what was booked before it was last loaded, and with what the bed gave."""
+        sums = {name: getattr(self.booked, name) + getattr(row, name) for name in SUMMED}
+        entrained = {name: getattr(self.booked, name) for name in ("entrained_mass", "entrained_energy", "entrainment_dissipation")}
+        return replace(row, **sums, **entrained)
+
+    def counters(self, now: Counters) -> Counters:
+        """Work since the start of the run."""
+        whole = {name: getattr(self.booked, name) + getattr(now, name) for name in COUNTED}
+        return Counters(**whole, seconds=_added(self.stages, now.seconds))
+
+    def structure_impulses(self, now: np.ndarray) -> np.ndarray:
+        """Impulses (patches, 3) [N s] since the start of the run."""
+        return self.impulses + now if len(self.impulses) else now
+
+    def maps(self, deposit: np.ndarray) -> dict[str, np.ndarray]:
+        """Maps (rows, columns) [m] on the raster by name, beside the thickness of the ``deposit`` (rows, columns) [m].
+
+        The depth by which the ground was lowered, and the change of elevation: the deposit less release and eroded depth.
+        """
+        given = self.eroded - self.owed  # all that the flow took up, to rounding
+        eroded = AreaSums.of_nodes(given, self.first, self.scene.spacing).on_raster(self.scene.raster)
+        return dict(zip(bed_map_names(), (eroded, deposit - self.released - eroded), strict=True))
+
+    def state(self) -> State:
+        """All that changes, as arrays by name, for :meth:`restore`."""
+        return arrays_of(self, ("volume", "radius", "particles")) | arrays_of(self.booked, (), "booked.")
+
+    def restore(self, state: State) -> None:
+        """Continue from :meth:`state`; the ground is lowered as it was."""
+        put_arrays(self.booked, part(state, "booked."))
+        put_arrays(self, {name: values for name, values in state.items() if not name.startswith("booked.")})
+        self.ground.lower(self.first, self.sunk)
+
+
+def eroding_bed(
+    bed: Any, scene: Scene, terrain: Terrain, releases: Sequence[Release], per_axis: tuple[int, int, int]
+) -> ErodingBed | None:
+    """The bed of a run, None without one; what a user should know of it is logged.
+
+    Raises
+    ------
+    ConfigError
+        For an argument of another kind.
+    """
+    if bed is None:
+        return None
+    require_kind(Bed, bed, "bed", "give runout.Bed(depth=1.2), the depth in metres", ConfigError)
+    eroding = ErodingBed(bed, scene, terrain, releases, per_axis)
+    for sentence in bed.sentences(terrain, releases, scene.spacing, eroding.volume):
+        LOGGER.warning("%s", sentence)
+    return eroding
+
+
+def _added(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
+    return {name: a.get(name, 0.0) + b.get(name, 0.0) for name in {**a, **b}}

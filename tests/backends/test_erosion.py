@@ -1,0 +1,254 @@
+"""A bed that is eroded, on every backend: closed forms, exact sums, and the same bits after an interruption."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import HARD, box, engine_of, plane, scene
+
+from runout import Bed, DruckerPrager, EnergyErosion, GrowthErosion, JumpErosion, RammsErosion, Terrain
+from runout.backends.protocol import BACKENDS
+from runout.errors import ConfigError
+from runout.model.erosion_laws import EROSIONS
+from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.erosion import ErodingBed
+from runout.simulation.run import Run, RunControl
+from runout.studies.verification_cases.eroded_layer import eroded_layer, grown_volume, left_of_a_bed
+
+BLOCK = replace(HARD, poisson_ratio=0.0, youngs_modulus=4e6)  # vibrates little while it slides
+CELLS, PER_CELL = (30, 40), (2, 2, 2)
+SOIL = DruckerPrager(density=2000.0, friction_angle=32.0)
+EACH = pytest.mark.parametrize("name", BACKENDS)
+SLOPE = math.radians(30.0)
+MU = math.tan(math.radians(20.0))
+DOWN = (9.81 * math.sin(SLOPE), 0.0, -9.81 * math.cos(SLOPE))
+FIXED = RammsErosion(rate=0.05, critical_stress=0.0, depth_per_stress=1.0)  # at this rate wherever gravity drives the flow
+
+
+def run_over(engine, bed, time, *, friction=MU, speed=0.0, size=(10.0, 8.0, 1.0), gravity=DOWN, keep=None, **choices):
+    """A finished run of a layer that slides over a bed on level ground under inclined gravity, and the bed."""
+    a_scene = scene(plane(), materials=(BLOCK,), friction=(friction,), gravity=gravity, **choices)
+    terrain = Terrain.from_array(np.zeros(CELLS), (2.0, 2.5))
+    p = box((8.0, 20.0, 0.0), size, (1.0, 1.0, 1.0), BLOCK.density, surface=a_scene.surface)
+    p.strain[:, 2] = 2.0 * BLOCK.density * gravity[2] * (size[2] - p.position(np.ones(3))[:, 2]) / BLOCK.youngs_modulus
+    p.velocity[:, 0] = speed
+    eroding = ErodingBed(bed, a_scene, terrain, [], PER_CELL)
+    run = Run(engine, eroding.scene, RunControl(time, stop=False), None, keep, None, eroding)
+    run.start(p)
+    run.go()
+    return run, eroding
+
+
+def series(run):
+    """Rows of the ledger, arrays over time by name."""
+    return {"time": np.array(run.ledger.time), **run.ledger.series()}
+
+
+@EACH
+def test_layer_over_a_bed_follows_the_closed_form(name):
+    """m v of the middle of a layer that takes up mass at rest at a fixed rate; its mass is booked to rounding."""
+    results = eroded_layer(1.0, 24.0, 0.7, name)
+    assert all(r.holds for r in results), results
+
+
+@EACH
+def test_volume_grows_exponentially_with_the_path(name):
+    """V = V_0 exp(E_s s)."""
+    assert grown_volume(1.0, 0.7, backend=name) == pytest.approx(0.0, abs=0.01)
+
+
+@EACH
+def test_bed_is_used_up_to_one_particle(name):
+    """A patch of a bed in the way of a layer is taken up whole, and no more than it holds."""
+    assert -1e-6 <= left_of_a_bed(1.0, name) <= 1.0
+
+
+def test_momentum_stays_without_gravity(backend):
+    """Mass that joins at rest takes momentum from the flow: m v changes by the impulse of the ground alone."""
+    run, _ = run_over(backend, Bed(2.0, GrowthErosion(growth_rate=0.05)), 1.5, friction=0.0, speed=4.0, gravity=(0.0, 0.0, 0.0))
+    ledger, pushed = series(run), np.array([row.basal_impulse[0] for row in run.ledger.rows])
+    assert ledger["entrained_mass"][-1] > 0.05 * ledger["mass"][0]
+    momentum = ledger["momentum_x"] - pushed
+    assert np.ptp(momentum) <= 1e-12 * momentum[0]
+    assert np.ptp(ledger["momentum_x"]) < 0.02 * momentum[0]
+    speed = ledger["momentum_x"] / ledger["mass"]
+    assert speed[-1] < 0.9 * speed[0]
+
+
+def test_no_node_is_lowered_below_its_bed(backend):
+    """Particles may be born early, but from what there is; maps hold what the flow took up, cell by cell."""
+    depth = np.zeros(CELLS)
+    depth[19:22, 6:9] = (0.25, 0.05, 0.1)
+    run, eroding = run_over(backend, Bed(depth, RammsErosion(rate=0.5, critical_stress=0.0, depth_per_stress=1.0)), 1.0)
+    there = eroding.depth.on_nodes(eroding.first, eroding.eroded.shape, (1.0, 1.0, 1.0))
+    assert (eroding.eroded <= there + 1e-9).all()
+    assert (eroding.eroded - eroding.owed <= there + 1e-9).all()
+    deposit = np.ones(CELLS)
+    maps = eroding.maps(deposit)
+    entrained = run.ledger.series()["entrained_mass"][-1]
+    assert maps["eroded_depth"].sum() * 5.0 * BLOCK.density == pytest.approx(entrained, rel=1e-12)
+    assert entrained > 0.0
+    np.testing.assert_array_equal(maps["elevation_change"], deposit - maps["eroded_depth"])
+
+
+def test_energy_of_the_bed_is_booked(backend):
+    """Energy that is not accounted for is as small a part as without a bed."""
+    run, _ = run_over(backend, Bed(2.0, FIXED), 2.0)
+    ledger = series(run)
+    assert ledger["entrained_energy"][-1] != 0.0
+    worked = ledger["basal_dissipation"][-1] + ledger["kinetic_energy"][-1]
+    assert abs(ledger["numerical_dissipation"][-1]) < 0.06 * worked
+
+
+def test_interrupted_run_with_births_gives_the_same_bits(backend, tmp_path):
+    """A checkpoint holds the bed: what is eroded and owed, the lowered ground, the sums before a backend was loaded anew."""
+    whole, _ = run_over(backend, Bed(2.0, FIXED), 1.5)
+    again = engine_of(type(backend).__module__.split(".")[2])
+
+    class Stop(Exception):
+        pass
+
+    class StoppedCheckpoint(Checkpoint):
+        def write(self, state):
+            super().write(state)
+            if float(state["run.time"]) > 0.8:
+                raise Stop
+
+    with pytest.raises(Stop):
+        run_over(again, Bed(2.0, FIXED), 1.5, keep=StoppedCheckpoint(tmp_path / "c.npz", "key", 0.0))
+    resumed, eroding = run_over(again, Bed(2.0, FIXED), 1.5, keep=Checkpoint(tmp_path / "c.npz", "key", 0.0))
+    assert eroding.born > 0
+    expected, found = whole.engine.particles(), resumed.engine.particles()
+    for name, values in vars(expected).items():
+        np.testing.assert_array_equal(getattr(found, name), values, err_msg=name)
+    for name, values in whole.ledger.series().items():
+        if name != "memory":
+            np.testing.assert_array_equal(resumed.ledger.series()[name], values, err_msg=name)
+    assert resumed.counters.steps == whole.counters.steps
+
+
+@pytest.mark.parametrize("law", [law.name for law in EROSIONS.of_runout()])
+def test_compiled_rate_is_that_of_plain_python(law):
+    """The kernel passes thickness, stresses and depth normal to the ground, and the parameters in SI units."""
+    from types import SimpleNamespace
+
+    from runout.model.friction_laws import FRICTIONS, numbers_of
+    from runout.physics import bed
+    from runout.simulation.erosion import loops
+
+    erosion = EROSIONS.find(law)
+    friction, _ = numbers_of(0.3)
+    record = SimpleNamespace(**erosion.example.numbers(), density=1800.0)
+    bed_record, basal = np.zeros(1, [(n, float) for n in erosion.fields]), np.zeros(1, [("friction", float)])
+    for name, value in vars(record).items():
+        bed_record[name] = value
+    basal["friction"] = 0.9
+    slopes, gravity, rates = np.array([[0.5, -0.2]]), np.array([0.0, 0.0, -9.81]), np.zeros(1)
+    of_friction = int(erosion.declaration.of_friction)
+    loops(erosion, friction).take_rates(
+        np.array([[2.0, 3.0, 2000.0, 0.0]]), slopes, np.array([0.1]), gravity, basal, bed_record, of_friction, rates
+    )
+    n = 1.0 / math.sqrt(1.29)
+    sigma, sine = 2000.0 * 2.0 * n * 9.81 * n, math.sqrt(1.0 - n * n)
+    tau = 0.9 * sigma if of_friction else 2000.0 * 2.0 * n * 9.81 * sine
+    assert sigma == pytest.approx(bed.normal_stress(2000.0, 2.0 * n, gravity, bed.upward_normal(0.5, -0.2)))
+    expected = erosion.rate(2.0 * n, 3.0, sigma, tau, 0.0, 0.1 * n, record)
+    assert expected > 0.0
+    assert rates[0] * n == pytest.approx(expected, rel=1e-12)
+    assert FRICTIONS.find("coulomb") is friction
+
+
+def test_rates_of_the_laws_by_hand():
+    """Each law against its formula."""
+    from types import SimpleNamespace as Record
+
+    rates = {law.name: law.rate for law in EROSIONS.of_runout()}
+    ramms = Record(rate=0.025, critical_stress=1e3, depth_per_stress=1e-4)
+    assert rates["ramms"](1.0, 2.0, 0.0, 6e3, 0.0, 0.49, ramms) == 0.025  # 0.5 m under 5 kPa beyond the critical stress
+    assert rates["ramms"](1.0, 2.0, 0.0, 6e3, 0.0, 0.5, ramms) == 0.0
+    assert rates["ramms"](1.0, 2.0, 0.0, 900.0, 0.0, 0.0, ramms) == 0.0
+    assert rates["growth"](1.5, 4.0, 0.0, 0.0, 0.0, 0.0, Record(growth_rate=1e-3)) == pytest.approx(6e-3)
+    assert rates["energy"](1.0, 5.0, 0.0, 2e3, 0.0, 0.0, Record(specific_energy=5e3, density=2e3)) == pytest.approx(1e-3)
+    wet = Record(most=0.05, friction_angle=math.radians(30.0), cohesion=100.0, pore_ratio=0.5, speed_ratio=0.5, density=2e3)
+    strength = math.tan(math.radians(30.0)) * 0.5 * 1e4 + 100.0
+    assert rates["jump"](1.0, 10.0, 1e4, strength + 200.0, 0.0, 0.0, wet) == pytest.approx(200.0 / (2e3 * 0.5 * 10.0))
+    assert rates["jump"](1.0, 10.0, 1e4, strength - 1.0, 0.0, 0.0, wet) == 0.0
+    assert rates["jump"](1.0, 0.0, 1e4, strength + 200.0, 0.0, 0.0, wet) == 0.05
+
+
+def test_wet_bed_feeds_the_flow_and_a_dry_one_slows_it():
+    """Iverson's finding: momentum after some time, over that without erosion, by the pore ratio of the bed (ceiling stated)."""
+
+    def momentum(pore_ratio):
+        law = JumpErosion(most=0.05, friction_angle=22.0, pore_ratio=pore_ratio)
+        run, eroding = run_over(engine_of("scan"), Bed(0.5, law), 2.0, speed=3.0)
+        return run.ledger.series()["momentum_x"][-1], eroding.born
+
+    (dry, few), (wet, many) = momentum(0.0), momentum(0.9)
+    assert many > 20
+    assert few == 0  # friction of the flow, at 20 deg, does not reach the strength of a dry bed of 22 deg
+    assert wet > dry
+
+
+def test_simulate_takes_a_bed_and_gives_its_maps_and_sums():
+    """On one and two threads the same bits; snapshots follow the particles of the start; the result states what was taken up."""
+    import runout
+
+    x = (np.arange(40) + 0.5) * 5.0
+    terrain = Terrain.from_array(np.repeat((200.0 - x)[None, :] * math.tan(math.radians(25.0)), 20, 0), 5.0)
+    thickness = np.zeros(terrain.shape)
+    thickness[7:13, 3:9] = 4.0
+    release = runout.Release.from_array(thickness, terrain, placement="on_surface")
+    choices = {"basal_friction_angle": 15.0, "cell_size": 5.0, "end_time": 6.0, "snapshot_times": (3.0,), "snapshot_particles": 50}
+    one, two = (
+        runout.simulate(terrain, release, SOIL, **choices, bed=Bed(1.0, RammsErosion(rate=0.1)), bulking=0.8, threads=threads)
+        for threads in (1, 2)
+    )
+    assert set(one.maps) >= {"eroded_depth", "elevation_change"}
+    for name in one.maps:
+        np.testing.assert_array_equal(one.maps[name], two.maps[name], err_msg=name)
+    entrained = float(one.ledger["entrained_mass"][-1])
+    assert float(one.maps["eroded_depth"].sum()) * 25.0 * SOIL.density == pytest.approx(entrained, rel=1e-6)
+    held = float(one.ledger["mass"][-1]) / SOIL.density
+    assert float(one.maps["deposit_thickness"].sum()) * 25.0 == pytest.approx(0.8 * held, rel=1e-5)
+    assert len(one.state) > one.n_particles
+    assert len(one.particle_frames[0]) <= 50
+    assert "of the bed" in repr(one)
+    dry = runout.simulate(terrain, release, SOIL, **choices)
+    assert "eroded_depth" not in dry.maps
+    assert "entrained_mass" not in dry.ledger
+
+
+def test_bed_that_needs_more_memory_than_there_is_is_refused():
+    """The forecast counts what the bed can give."""
+    import runout
+    from runout.errors import CapacityError
+
+    terrain = Terrain.from_array(np.zeros((40, 40)), 5.0)
+    thickness = np.zeros(terrain.shape)
+    thickness[18:22, 18:22] = 40.0
+    release = runout.Release.from_array(thickness, terrain, placement="on_surface")
+    choices = {"basal_friction_angle": 10.0, "cell_size": 0.5, "end_time": 1.0}
+    with pytest.raises(CapacityError, match="the run needs about"):
+        runout.simulate(terrain, release, SOIL, **choices, bed=Bed(500.0), memory_gb=2.0)
+
+
+def test_bad_beds_are_refused():
+    """One message with the value and the remedy."""
+    for arguments, words in (
+        ((-1.0,), "bed: depth is -1 m; it must be above 0"),
+        ((np.zeros((3, 3)),), "depth is 0 everywhere"),
+        ((1.0, "ramms"), "give a law of erosion"),
+        ((1.0, RammsErosion(), 0.5), "density is 0.5 kg/m3"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            Bed(*arguments)
+    with pytest.raises(TypeError, match="most"):
+        JumpErosion()
+    with pytest.raises(ConfigError, match="rate is -1"):
+        RammsErosion(rate=-1.0)
+    with pytest.raises(ConfigError, match="specific_energy is 0"):
+        EnergyErosion(specific_energy=0.0)
+    with pytest.raises(ConfigError, match="depth has"):
+        Bed(np.ones((3, 3))).depth_on(Terrain.from_array(np.zeros((4, 4)), 1.0), [])

@@ -1,0 +1,122 @@
+"""An erodible bed in site.yaml: what a run gets of it, sampled parameters, products and refusals."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from ramp_site import CELL, COLUMNS, NORTH, ROWS, SITE, WEST, slab, write_raster, write_site
+
+import runout
+from runout import RammsErosion, cli
+from runout.errors import ConfigError, ExitCode, InputError
+from runout.workflow.check import inspect
+
+BED = "bed:\n  depth: 1.2\n  erosion: {law: ramms, rate: 0.05, critical_stress: 1.0e3, depth_per_stress: 1.0e-4}\n"
+SAMPLED = "    erosion_rate: {distribution: uniform, low: 0.02, high: 0.08}\n"
+WITH_BED = SITE.replace("simulation:", f"{BED}bulking: 0.9\nsimulation:")
+ENSEMBLE = WITH_BED.replace("hazard:", f"{SAMPLED}hazard:").replace("members: 4", "members: 2")
+
+
+def write_zone(folder):
+    """A square of 100 m in the plain, with an attribute."""
+    x, y = WEST + 30 * CELL, NORTH - 15 * CELL
+    ring = [[x, y], [x + 100, y], [x + 100, y + 100], [x, y + 100], [x, y]]
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}}
+    feature = {"type": "Feature", "properties": {"dynamic": 0.4}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    text = json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]})
+    (folder / "inputs" / "zone.geojson").write_text(text)
+
+
+def test_member_has_the_bed_with_its_sampled_parameters(tmp_path):
+    text = ENSEMBLE.replace("hazard:", "    bed_depth_factor: {distribution: uniform, low: 0.5, high: 2}\nhazard:")
+    site = runout.read_site(write_site(tmp_path / "site", text))
+    arguments = site.member_arguments({"erosion_rate": 0.03, "bed_depth_factor": 0.5, "bed_density": 1500.0})
+    bed = arguments["bed"]
+    assert (bed.depth, bed.density, arguments["bulking"]) == (0.6, 1500.0, 0.9)
+    assert bed.erosion == RammsErosion(rate=0.03, critical_stress=1e3, depth_per_stress=1e-4)
+    assert site.member_arguments({"bulking": 1.1})["bulking"] == 1.1
+
+
+def test_bed_is_read_from_a_raster_and_from_polygons(tmp_path):
+    folder = write_site(tmp_path / "site", WITH_BED.replace("depth: 1.2", "depth: inputs/bed.tif"))
+    depth = np.zeros((ROWS, COLUMNS))
+    depth[3:8, 20:25] = 0.7
+    write_raster(folder / "inputs" / "bed.tif", depth)
+    np.testing.assert_allclose(runout.read_site(folder).member_arguments()["bed"].depth, depth, rtol=1e-6)
+    write_zone(folder)
+    polygons = "polygons: inputs/zone.geojson\n  depth: dynamic"
+    (folder / "site.yaml").write_text(WITH_BED.replace("depth: 1.2", polygons))
+    bed = runout.read_site(folder).member_arguments()["bed"]
+    assert bed.depth.sum() * CELL**2 == pytest.approx(0.4 * 100.0**2)
+    (folder / "site.yaml").write_text(WITH_BED.replace("depth: 1.2", "polygons: inputs/zone.geojson\n  layer: zone\n  depth: gone"))
+    with pytest.raises(InputError, match=r"site.yaml:\d+: bed.polygons: .*gone"):
+        runout.read_site(folder).member_arguments()
+
+
+@pytest.mark.parametrize(
+    ("bed", "words"),
+    [
+        ("bed: {depth: 1.2}", r"bed.erosion: required key is missing: a depth without erosion; add erosion"),
+        ("bed: {erosion: {law: ramms}}", r"bed.depth: required key is missing: erosion without a depth; add depth"),
+        ("bed: {depth: 1.2, erosion: {law: jump}}", r"bed.erosion.most: required key is missing; add it: largest erosion rate"),
+        ("bed: {depth: 1.2, erosion: {law: rams}}", r"bed.erosion.law: 'rams' is not known; did you mean 'ramms'"),
+        ("bed: {depth: 1.2, erosion: {rate: -1}}", r"bed.erosion.rate: -1 m/s is out of range"),
+        ("bed: {depth: -1, erosion: {}}", r"bed.depth: -1 m is out of range"),
+        ("bed: {depth: 1, layer: x, erosion: {}}", r"bed.layer: has no meaning without polygons"),
+        ("bed: {depth: 1, erosion: {growth_rate: 1}}", r"bed.erosion.growth_rate: unknown key; it belongs to law: growth"),
+        ("bed: {depth: gone.tif, erosion: {}}", r"bed.depth: there is no file 'gone.tif'"),
+        ("bed: {density: 1900}", r"bed: states neither depth nor erosion"),
+        ("bulking: 0", r"bulking: 0 is out of range"),
+    ],
+)
+def test_bad_beds_are_refused_in_one_line(tmp_path, bed, words):
+    with pytest.raises(ConfigError, match=words) as error:
+        runout.read_site(write_site(tmp_path / "site", SITE.replace("simulation:", f"{bed}\nsimulation:")))
+    assert len(error.value.problems) == 1, error.value
+
+
+def test_samples_of_a_bed_that_is_not_there_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"erosion_rate: the site has no bed"):
+        runout.read_site(write_site(tmp_path / "a", SITE.replace("hazard:", f"{SAMPLED}hazard:")))
+    other = ENSEMBLE.replace("erosion_rate:", "erosion_specific_energy:")
+    with pytest.raises(ConfigError, match=r"the erosion law ramms has no such parameter; remove it, or use law: energy"):
+        runout.read_site(write_site(tmp_path / "b", other))
+
+
+def test_check_names_what_a_bed_loses_and_does_not_resolve(tmp_path):
+    excavated = WITH_BED.replace("placement: on_surface", "placement: excavated").replace("depth: 1.2", "depth: 0.3")
+    findings = inspect(write_site(tmp_path / "site", excavated))
+    assert not findings.problems
+    said = [w for w in findings.warnings if "bed.depth" in w]
+    assert len(said) == 2
+    lost = 0.3 * (slab() > 0).sum() * CELL**2
+    assert f"{lost:.4g}".rstrip("0") in said[0].replace(" ", "")
+    assert "thinner than one particle (1.25 m)" in said[1]
+
+
+def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
+    """The change of elevation of a member is bulking times deposit, minus release and eroded depth; its volume balances."""
+    folder = write_site(tmp_path / "site", ENSEMBLE + "observations: {difference: {raster: inputs/dod.tif}}\n")
+    write_raster(folder / "inputs" / "dod.tif", -slab())
+    assert cli.main(["run", str(folder), "--workers", "1"]) == ExitCode.OK
+    members = xr.open_dataset(folder / "results" / "members.nc")
+    eroded, change, deposit = (members[name].values for name in ("eroded_depth", "elevation_change", "deposit_thickness"))
+    assert eroded.max() > 0.1
+    np.testing.assert_allclose(change, deposit - slab() - eroded, atol=1e-5)
+    grown = slab().sum() + eroded.sum(axis=(1, 2))
+    np.testing.assert_allclose(deposit.sum(axis=(1, 2)), 0.9 * grown, rtol=1e-4)
+    hazard = xr.open_dataset(folder / "results" / "hazard.nc")
+    np.testing.assert_allclose(hazard["mean_eroded_depth"], eroded.mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(hazard["mean_elevation_change"], change.mean(axis=0), atol=1e-5)
+    np.testing.assert_allclose(hazard["net_erosion_probability"], (change <= -0.1).mean(axis=0), atol=1e-6)
+    for name in ("mean_eroded_depth", "mean_elevation_change", "net_deposition_probability"):
+        assert (folder / "results" / "maps" / f"{name}.tif").is_file()
+    assert "Eroded depth" in (folder / "results" / "report.html").read_text()
+
+
+def test_site_without_a_bed_has_no_maps_of_one(tmp_path):
+    folder = write_site(tmp_path / "site", SITE.replace("members: 4", "members: 1"))
+    assert cli.main(["run", str(folder), "--workers", "1"]) == ExitCode.OK
+    assert "eroded_depth" not in xr.open_dataset(folder / "results" / "members.nc")
+    assert "mean_elevation_change" not in xr.open_dataset(folder / "results" / "hazard.nc")
