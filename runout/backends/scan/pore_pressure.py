@@ -17,14 +17,17 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import lane_sum, load4, load16, select
+from runout.backends.lanes import load4, load16, local_array, select, store
 from runout.backends.scan.groups import Blocks
-from runout.backends.scan.particles_to_grid import PLAN, four_ones, four_zeros, heads
+from runout.backends.scan.particles_to_grid import PLAN, heads
+from runout.backends.scan.stencil import ones, zeros
 from runout.backends.scan.tile import EFFECTIVE
 from runout.model.scene import Scene
 from runout.physics.heightfield import surface_at
 from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
 from runout.physics.tensors import real
+
+local_numbers = local_array((64,))
 
 
 class Pores(NamedTuple):
@@ -92,14 +95,31 @@ def _is_reached(reached, down, b):
     return found
 
 
-def _mass_of_column(grid, b, n):
-    """Mass [kg] of the four nodes above each other in column ``n`` of a node block."""
+def _add_masses(grid, b, numbers):
+    """Add the masses [kg] of the nodes of a block to ``numbers``, four numbers for each column of nodes, whose sum is its mass."""
     if grid.shared[b]:
-        one_over = load4(grid.inverse, 64 * b + 4 * n)
-        filled = one_over > four_zeros(one_over)
-        one = four_ones(one_over)
-        return lane_sum(select(filled, one / select(filled, one_over, one), four_zeros(one_over)))
-    return lane_sum(heads(load16(grid.nodes, 256 * b + 16 * n)))
+        for n in range(0, 64, 16):
+            one_over = load16(grid.inverse, 64 * b + n)
+            filled = one_over > zeros(one_over)
+            mass = select(filled, ones(one_over) / select(filled, one_over, ones(one_over)), zeros(one_over))
+            store(numbers, n, load16(numbers, n) + mass)
+    else:
+        for n in range(PLAN):
+            store(numbers, 4 * n, load4(numbers, 4 * n) + heads(load16(grid.nodes, 256 * b + 16 * n)))
+
+
+def _sum_column(layers, reached, down, grid, k, area):
+    """Fill the masses by area of the 16 columns of nodes of block column ``k``."""
+    numbers = local_numbers(grid.nodes)
+    for n in range(0, 64, 16):
+        store(numbers, n, zeros(grid.nodes))
+    for e in range(layers.start[k], layers.start[k + 1]):
+        b = np.int64(layers.parts[e])
+        if _is_reached(reached, down, b):
+            _add_masses(grid, b, numbers)
+    for n in range(PLAN):
+        mass = (numbers[4 * n] + numbers[4 * n + 1]) + (numbers[4 * n + 2] + numbers[4 * n + 3])
+        layers.areal[k, n] = mass / area
 
 
 def _slopes_of_cell(tiles, b, c, east, north):
@@ -124,20 +144,13 @@ def thin_layers(blocks, reached, grid, tiles, over_ground, layers, records, cons
 
     ``tiles`` are those of the ground, if the scene is ``over_ground``.
     """
-    areal, fading, start, parts = layers.areal, layers.fading, layers.start, layers.parts
+    fading = layers.fading
     h = constants.h
-    area = h[0] * h[1]
-    for k in prange(len(areal)):
-        for n in range(PLAN):
-            areal[k, n] = real(0.0)
-        for e in range(start[k], start[k + 1]):
-            b = np.int64(parts[e])
-            if _is_reached(reached, blocks.down, b):
-                for n in range(PLAN):
-                    areal[k, n] += _mass_of_column(grid, b, n) / area
+    for k in prange(len(layers.areal)):
+        _sum_column(layers, reached, blocks.down, grid, np.int64(k), h[0] * h[1])
     for b in prange(blocks.nown):
-        if blocks.held[b] > 0:
-            for c in range(PLAN):
+        for c in range(PLAN):
+            if blocks.held[b] > 0 and blocks.starts[b, 4 * c + 4] > blocks.starts[b, 4 * c]:
                 east, north = real(0.0), real(0.0)
                 if over_ground:
                     east, north = _slopes_of_cell(tiles, np.int64(b), c, h[2] / h[0], h[2] / h[1])
