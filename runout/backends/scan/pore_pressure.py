@@ -12,7 +12,7 @@ A particle takes the layer at the middle one of the columns of nodes around it. 
 the particle is followed, at the end of each substep.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import prange
@@ -49,6 +49,13 @@ class Pores(NamedTuple):
     excess: np.ndarray
     records: np.ndarray
     fading: np.ndarray
+
+
+class Numbers(NamedTuple):
+    """What a ratio follows from, of one record."""
+
+    equilibrium: Any  # [1]
+    closure: Any  # [1]
 
 
 class Layers(NamedTuple):
@@ -184,12 +191,27 @@ def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
     return b, q
 
 
+def _drain_alike(t, particles, pores, b, first, count):
+    """As ``_drain_tile`` where all particles start alike: numbers that do not change stay in registers."""
+    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
+    pore, excess = Numbers(pores.records[0].equilibrium, pores.records[0].closure), pores.excess[0]
+    for p in range(count):
+        w = np.int64(particle_index[first + p])
+        share = pores.fading[b, 0, (np.int64(cell[first + p]) & 63) >> 2]
+        half = share * left[w]
+        t[EFFECTIVE, p] = effective_share(excess, half, pore)
+        left[w] = share * half
+
+
 def _drain_tile(t, particles, pores, b, first, count):
     """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
     left, particle_index, cell = pores.left, particles.particle_index, particles.cell
-    for p in range(count):
-        w = np.int64(particle_index[first + p])
-        t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
-        left[w] = share * share * left[w]
+    if len(pores.records) == 1 and len(pores.excess) == 1:
+        _drain_alike(t, particles, pores, b, first, count)
+    else:
+        for p in range(count):
+            w = np.int64(particle_index[first + p])
+            t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
+            left[w] = share * share * left[w]
     for p in range(count, (count + 15) & ~15):
         t[EFFECTIVE, p] = real(1.0)
