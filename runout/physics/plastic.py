@@ -95,7 +95,7 @@ def step_small(B: Any, L: Any, history: Any, mat: Any):
 
 
 def history_share(history: Any, effective: Any):
-    """What the history of a law is multiplied by before a return by effective stress [1], and divided by afterwards.
+    """Factor [1] of the history of a law where its strain has the factor ``effective`` of the trace.
 
     Here 1; :func:`volume_share` stands in its place for laws whose history is a gained volume.
     """
@@ -117,12 +117,13 @@ def with_trace(h: Any, share: Any):
 
 def effective_return(h: Any, history: Any, mat: Any, effective: Any):
     """:func:`law_return` where grains carry the share ``effective`` [1] of the mean stress, above 0."""
+    inverse = real(1.0) / effective
     grains = with_trace(h, effective)
     new, left, lost = law_return(grains, history * history_share(history, effective), mat)
-    left = left / history_share(left, effective)
+    left = left * history_share(left, inverse)
     if same(grains, new):
         return h, left, lost
-    total = with_trace(new, real(1.0) / effective)
+    total = with_trace(new, inverse)
     by_water = (real(1.0) - effective * effective) * pressure(total, mat) * (trace(total) - trace(h))
     return total, left, lost + by_water
 

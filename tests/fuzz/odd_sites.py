@@ -193,6 +193,7 @@ INSERTED = (
     "arrival_threshold", "poisson_ratio", "cohesion", "law", "cone", "description", "frequencies",
     "memory_gb",
     "basal_friction_angle_deg", "placement", "density", "precision", "speed_thresholds", "release_volume_factor",
+    "pore_pressure", "ratio", "saturation", "diffusivity", "decay_time", "pore_pressure_ratio",
 )  # fmt: skip
 
 

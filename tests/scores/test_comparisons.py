@@ -117,6 +117,17 @@ def test_flows_that_share_no_score_are_refused_unless_members_have_some():
     assert percentile_of(0.05, np.array([5.0, 50.0, 95.0]), "hazard.nc") == 95.0
 
 
+def test_a_quantity_that_one_of_the_two_does_not_know_does_not_keep_the_others_from_their_scores():
+    known, unknown = np.ones(GRID.shape), np.full(GRID.shape, np.nan)
+    flows = Flow(GRID, {"thickness": known, "speed": unknown}), Flow(GRID, {"thickness": known, "speed": known})
+    assessment = _assessed(flows, None, Setting((0.5,)), scores.Choices())
+    values = {(score.of, score.name): score.value for score in assessment.scores}
+    assert values["flow of 0.5 m", "csi"] == 1.0
+    assert np.isnan(values["speed, whole map", "bias"])
+    with pytest.raises(ObservationError, match="speed: no cell is known in both of the two"):
+        _assessed(flows, None, Setting((0.5,)), scores.Choices("speed"))
+
+
 def test_cells_beyond_the_half_width_of_a_setting_count_in_no_score_of_the_thalweg():
     modelled, observed = np.zeros((2, 9, 20))
     modelled[:, 2:15], observed[:, 2:12] = 1.0, 1.0

@@ -187,6 +187,7 @@ PLACES = {
     "kilometres": (VERTICES / 1000.0, "its coordinates fit in kilometres: export it in metres"),
     "swapped": (VERTICES[:, [1, 0, 2]], "easting and northing are swapped: export it with x to the east"),
     "y up": (np.column_stack([VERTICES[:, 0], VERTICES[:, 2], -VERTICES[:, 1]]), "y is up in it: export it with z up"),
+    "y up, mirrored": (VERTICES[:, [0, 2, 1]], "y is up in it: export it with z up"),
     "local": (VERTICES - [WEST, SOUTH, 0], "its coordinates count from an origin of its own: state offset"),
     "another zone": (VERTICES + np.array([2e6, 0, 0]), "check units, offset and crs of the mesh"),
     "far": (VERTICES * 1e30, "check units, offset and crs of the mesh"),
@@ -200,6 +201,12 @@ def test_a_mesh_beyond_the_terrain_is_refused_with_what_would_place_it(level, tm
     assert said.startswith("lies beyond the terrain array, at easting ")
     assert "; the terrain has easting 500000 to 500200, northing 5000000 to 5000200; " in said
     assert said.split("; ")[2].startswith(remedy)
+
+
+def test_an_offset_that_is_too_much_is_named(level, tmp_path):
+    source = StructureSource(write(tmp_path / "far.obj", VERTICES, FACES), units="m", offset=(WEST, SOUTH, 0.0))
+    with pytest.raises(StructureError, match="it lies there without offset: remove offset"):
+        read_bodies([source], level)
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "stl"])

@@ -50,6 +50,13 @@ def test_a_slope_has_its_heights(tmp_path, kind):
     assert len(above.row) == 0
 
 
+@pytest.mark.parametrize(("east", "north"), [(8.0, 100.0), (100.0, 8.0)])
+def test_a_part_of_less_than_three_cells_along_either_side_is_refused(tmp_path, east, north):
+    sheet(SLOPE).export(tmp_path / "slope.ply")
+    with pytest.raises(DemError, match=rf"terrain\.extent spans {east:g} x {north:g} m, .* cells of 4 m; give a mesh"):
+        read_mesh_terrain(tmp_path / "slope.ply", 4.0, "EPSG:32632", (WEST, SOUTH, WEST + east, SOUTH + north))
+
+
 def test_a_surface_that_faces_down_is_turned(tmp_path):
     mesh = sheet(SLOPE)
     mesh.invert()

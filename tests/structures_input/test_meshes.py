@@ -69,6 +69,13 @@ def test_several_bodies_of_a_file_are_structures_of_their_own_and_cavities_are_n
     assert sorted(volume(s.vertices, s.faces) for s in read.solids) == pytest.approx([960 - 64, 1000])
 
 
+def test_a_sheet_without_volume_inside_a_body_is_no_cavity_and_is_refused(level, tmp_path):
+    sheet = box(CENTRE, (4, 4, 0))
+    trimesh.util.concatenate([box(CENTRE, (12, 8, 10)), sheet]).export(tmp_path / "sheet.obj")
+    with pytest.raises(StructureError, match="the mesh has no volume; export a body, not a surface"):
+        bodies(tmp_path / "sheet.obj", level)
+
+
 def test_a_sphere_is_one_facade(level, tmp_path):
     ball = trimesh.creation.icosphere(3, radius=5.0)
     ball.apply_translation(CENTRE)

@@ -65,6 +65,20 @@ def test_height_counts_from_the_mean_ground_or_a_base_or_along_the_ground(tmp_pa
     assert tops[:, 2] == pytest.approx(108 + 0.2 * tops[:, 0])
 
 
+def test_the_top_of_a_dam_across_a_valley_follows_its_ground_from_cell_to_cell(tmp_path):
+    """A valley whose bottom, at 100 m east, is 25 m below the ends of the dam."""
+    x = (np.arange(40) + 0.5) * 5
+    valley = Terrain(np.tile(100 + 0.5 * np.abs(x - 100), (40, 1)), (5.0, 5.0), WEST, SOUTH, "EPSG:32632")
+    path = write_footprints(tmp_path / "dam.gpkg", [shapely.box(50, 90, 150, 96)], height=[6.0])
+    dam, flat = only(path, valley, top=Top.ALONG_GROUND), only(path, valley)
+    tops = dam.vertices[len(dam.vertices) // 2 :]
+    ground = 100 + 0.5 * np.maximum(np.abs(tops[:, 0] - 100), 2.5)  # linear between the centres of cells
+    np.testing.assert_allclose(tops[:, 2], ground + 6.0, atol=1e-9)
+    assert np.diff(np.unique(tops[:, 0].round(6))).max() <= 5.0
+    assert len(flat.vertices) == 8
+    assert dam.box[0, 2] == pytest.approx(101.25 - 10.0), "two cells below the lowest ground"
+
+
 def test_a_gallery_hangs_above_the_ground(level, tmp_path):
     roof = only(write_footprints(tmp_path / "g.gpkg", [HOUSE], height=[9.0], clearance=[5.0]), level)
     assert roof.box[:, 2] == pytest.approx([105, 109])

@@ -137,3 +137,16 @@ def test_ground_under_a_mirrored_raster_is_the_mirrored_ground():
     apart = np.abs(other.elevation(60.0 - x, y) - one.elevation(x, y))
     assert np.median(apart) < 1e-9
     assert apart.max() < 0.05
+
+
+@pytest.mark.parametrize("scale", [0.01, 100.0])
+def test_crests_are_the_same_at_any_scale_of_the_whole_geometry(scale):
+    """A dam of 5 cm on cells of 2 cm is one of 5 m on cells of 2 m."""
+    z = raster_of_dam(2.0, 4.0, np.radians(20.0), 0.6, averaged=True) + 0.1 * np.arange(32)[:, None]
+    z[5, 5:9] -= 3.0  # a channel
+    usual, scaled = (Crests.of(k * z, (2.0 * k, 2.0 * k), 1.5 * k, (10.0 * k, 0.0)) for k in (1.0, scale))
+    assert len(usual.axis) > 40
+    for name in ("along", "across", "elevation", "height", "cell"):
+        np.testing.assert_allclose(getattr(scaled, name), scale * getattr(usual, name), rtol=1e-9, err_msg=name)
+    for name in ("axis", "weight", "tilt", "trust", "is_lid"):
+        np.testing.assert_allclose(getattr(scaled, name), getattr(usual, name), rtol=1e-9, atol=1e-12, err_msg=name)

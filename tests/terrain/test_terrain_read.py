@@ -244,3 +244,19 @@ def test_import_of_the_package_is_cheap():
     code = "import runout.terrain.read, runout.terrain.prepare, runout.terrain.sdf, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"rasterio", "pyproj", "xarray", "scipy", "matplotlib", "netCDF4"} & set(loaded)
+
+
+@pytest.mark.parametrize(
+    ("transform", "said"),
+    [
+        ((1e-9, 0.0, 600000.0, 0.0, -10.0, 5200000.0), r"has cells of 1e-09 x 10 map units; 1e-07 to 1e\+06 can be used"),
+        ((10.0, 0.0, 600000.0, 0.0, -2e6, 5200000.0), r"has cells of 10 x 2e\+06 map units"),
+        (
+            (10.0, 0.0, 3e9, 0.0, -10.0, 5200000.0),
+            r"its corner lies at 3e\+09, 5\.2e\+06, farther from the origin than a map reaches",
+        ),
+    ],
+)
+def test_a_georeference_that_no_map_has_is_refused_with_the_remedy(geotiff, slope, transform, said):
+    with pytest.raises(DemError, match=rf"dem\.tif: {said}.*gdal_edit\.py -a_ullr"):
+        Terrain.from_raster(geotiff(slope, transform))

@@ -12,19 +12,22 @@ A particle takes the layer at the middle one of the columns of nodes around it. 
 the particle is followed, at the end of each substep.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import lane_sum, load4, load16, select
+from runout.backends.lanes import load4, load16, local_array, select, store
 from runout.backends.scan.groups import Blocks
-from runout.backends.scan.particles_to_grid import PLAN, four_ones, four_zeros, heads
+from runout.backends.scan.particles_to_grid import PLAN, heads
+from runout.backends.scan.stencil import ones, zeros
 from runout.backends.scan.tile import EFFECTIVE
 from runout.model.scene import Scene
 from runout.physics.heightfield import surface_at
 from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
 from runout.physics.tensors import real
+
+local_numbers = local_array((64,))
 
 
 class Pores(NamedTuple):
@@ -46,6 +49,13 @@ class Pores(NamedTuple):
     excess: np.ndarray
     records: np.ndarray
     fading: np.ndarray
+
+
+class Numbers(NamedTuple):
+    """What a ratio follows from, of one record."""
+
+    equilibrium: Any  # [1]
+    closure: Any  # [1]
 
 
 class Layers(NamedTuple):
@@ -92,14 +102,31 @@ def _is_reached(reached, down, b):
     return found
 
 
-def _mass_of_column(grid, b, n):
-    """Mass [kg] of the four nodes above each other in column ``n`` of a node block."""
+def _add_masses(grid, b, numbers):
+    """Add the masses [kg] of the nodes of a block to ``numbers``, four numbers for each column of nodes, whose sum is its mass."""
     if grid.shared[b]:
-        one_over = load4(grid.inverse, 64 * b + 4 * n)
-        filled = one_over > four_zeros(one_over)
-        one = four_ones(one_over)
-        return lane_sum(select(filled, one / select(filled, one_over, one), four_zeros(one_over)))
-    return lane_sum(heads(load16(grid.nodes, 256 * b + 16 * n)))
+        for n in range(0, 64, 16):
+            one_over = load16(grid.inverse, 64 * b + n)
+            filled = one_over > zeros(one_over)
+            mass = select(filled, ones(one_over) / select(filled, one_over, ones(one_over)), zeros(one_over))
+            store(numbers, n, load16(numbers, n) + mass)
+    else:
+        for n in range(PLAN):
+            store(numbers, 4 * n, load4(numbers, 4 * n) + heads(load16(grid.nodes, 256 * b + 16 * n)))
+
+
+def _sum_column(layers, reached, down, grid, k, area):
+    """Fill the masses by area of the 16 columns of nodes of block column ``k``."""
+    numbers = local_numbers(grid.nodes)
+    for n in range(0, 64, 16):
+        store(numbers, n, zeros(grid.nodes))
+    for e in range(layers.start[k], layers.start[k + 1]):
+        b = np.int64(layers.parts[e])
+        if _is_reached(reached, down, b):
+            _add_masses(grid, b, numbers)
+    for n in range(PLAN):
+        mass = (numbers[4 * n] + numbers[4 * n + 1]) + (numbers[4 * n + 2] + numbers[4 * n + 3])
+        layers.areal[k, n] = mass / area
 
 
 def _slopes_of_cell(tiles, b, c, east, north):
@@ -124,20 +151,13 @@ def thin_layers(blocks, reached, grid, tiles, over_ground, layers, records, cons
 
     ``tiles`` are those of the ground, if the scene is ``over_ground``.
     """
-    areal, fading, start, parts = layers.areal, layers.fading, layers.start, layers.parts
+    fading = layers.fading
     h = constants.h
-    area = h[0] * h[1]
-    for k in prange(len(areal)):
-        for n in range(PLAN):
-            areal[k, n] = real(0.0)
-        for e in range(start[k], start[k + 1]):
-            b = np.int64(parts[e])
-            if _is_reached(reached, blocks.down, b):
-                for n in range(PLAN):
-                    areal[k, n] += _mass_of_column(grid, b, n) / area
+    for k in prange(len(layers.areal)):
+        _sum_column(layers, reached, blocks.down, grid, np.int64(k), h[0] * h[1])
     for b in prange(blocks.nown):
-        if blocks.held[b] > 0:
-            for c in range(PLAN):
+        for c in range(PLAN):
+            if blocks.held[b] > 0 and blocks.starts[b, 4 * c + 4] > blocks.starts[b, 4 * c]:
                 east, north = real(0.0), real(0.0)
                 if over_ground:
                     east, north = _slopes_of_cell(tiles, np.int64(b), c, h[2] / h[0], h[2] / h[1])
@@ -171,12 +191,27 @@ def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
     return b, q
 
 
+def _drain_alike(t, particles, pores, b, first, count):
+    """As ``_drain_tile`` where all particles start alike: numbers that do not change stay in registers."""
+    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
+    pore, excess = Numbers(pores.records[0].equilibrium, pores.records[0].closure), pores.excess[0]
+    for p in range(count):
+        w = np.int64(particle_index[first + p])
+        share = pores.fading[b, 0, (np.int64(cell[first + p]) & 63) >> 2]
+        half = share * left[w]
+        t[EFFECTIVE, p] = effective_share(excess, half, pore)
+        left[w] = share * half
+
+
 def _drain_tile(t, particles, pores, b, first, count):
     """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
     left, particle_index, cell = pores.left, particles.particle_index, particles.cell
-    for p in range(count):
-        w = np.int64(particle_index[first + p])
-        t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
-        left[w] = share * share * left[w]
+    if len(pores.records) == 1 and len(pores.excess) == 1:
+        _drain_alike(t, particles, pores, b, first, count)
+    else:
+        for p in range(count):
+            w = np.int64(particle_index[first + p])
+            t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
+            left[w] = share * share * left[w]
     for p in range(count, (count + 15) & ~15):
         t[EFFECTIVE, p] = real(1.0)

@@ -11,6 +11,7 @@ from runout.model.limits import CFL
 from runout.model.materials import Material
 from runout.model.numerics import Numerics, Scheme
 from runout.model.particles import Particles
+from runout.model.pore_pressure import PorePressure
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
@@ -44,6 +45,8 @@ class Layout:
     thickness: float = 2.0
     slope: float = 30.0
     basal: float = 20.0
+    pore_ratio: float = 0.0
+    diffusivity: float = 1e-2
     speed: float = 0.0
     precision: str = "float32"
     substeps: int = Scheme.substeps
@@ -78,7 +81,8 @@ class Layout:
         start = CELLS - 3 - WIDTH if self.terrain == "edge" else FIRST
         middle = (CELLS - WIDTH) // 2
         thickness[middle : middle + WIDTH, start : start + WIDTH] = self.thickness * self.h
-        release = Release.from_array(thickness, terrain, Placement(self.placement))
+        pore = PorePressure(ratio=self.pore_ratio, diffusivity=self.diffusivity) if self.pore_ratio else None
+        release = Release.from_array(thickness, terrain, Placement(self.placement), pore_pressure=pore)
         sizes = (self.h, self.h, self.h * self.flatness)
         numerics = Numerics.of({**vars(self), "cell_size": sizes, "particles_per_cell": self.per_cell})
         scene, p = build_scene(terrain, release, self.material(), self.basal, numerics)
