@@ -43,6 +43,7 @@ LOWERING = 0.02  # cells by which the bed may fall between two updates
 LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth loads the backend anew
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
 SUMMED = ("escaped_mass", "basal_dissipation", "plastic_dissipation", "escaped_energy", "basal_impulse", "structure_dissipation")
+NOTHING = np.array([[2**62, 2**62], [0, 0]])  # first nodes and ends of no part of the window
 COUNTED = "steps", "transfers", "particle_steps", "rebuilds"
 
 
@@ -106,6 +107,7 @@ class ErodingBed:
         self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
         self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.releases = np.zeros(shape, np.int32)  # that owns most of each column
+        self.changed = NOTHING.copy()  # first nodes and ends of the part that was eroded since
         self.time = self.due = self.births_at = 0.0  # [s]
         self.born = 0
         self.particles = 0  # at the start
@@ -167,6 +169,8 @@ class ErodingBed:
         run(flow, slopes, eroded[i, j], np.array(self.scene.gravity), basal, self._record(), of_friction, rates)
         more = np.minimum(lasting * rates * covered, left[i, j])
         eroded[i, j] += more
+        low, high = ([getattr(side, end) for side in part_of] for end in ("start", "stop"))
+        self.changed = np.array([np.minimum(self.changed[0], low), np.maximum(self.changed[1], high)])
         owed[i, j] += more
         return float(rates.max())
 
@@ -208,8 +212,7 @@ class ErodingBed:
             count += more
         if not count.any():
             return
-        self.ground.lower(self.first, self.eroded - self.sunk)
-        self.sunk = self.eroded.copy()
+        self._lower_ground()
         i, j = (np.repeat(index, count[count > 0]) for index in np.nonzero(count))
         newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
         self._book(engine, columns, newborn, i + first[0], j + first[1])
@@ -218,6 +221,15 @@ class ErodingBed:
             self._note_releases(present)
         arrays = {name: np.concatenate([values, getattr(newborn, name)]) for name, values in vars(present).items()}
         engine.load(self.scene, Particles(**arrays))
+
+    def _lower_ground(self) -> None:
+        """Lower the ground by all that was eroded since it was lowered last."""
+        (west, south), (east, north) = self.changed.tolist()
+        changed = slice(west, east), slice(south, north)
+        depth = self.eroded[changed] - self.sunk[changed]
+        self.ground.lower((self.first[0] + west, self.first[1] + south), depth)
+        self.sunk[changed] = self.eroded[changed]
+        self.changed = NOTHING.copy()
 
     def _pools_around(self, columns: Columns) -> tuple[slice, slice]:
         """Part of the window of the bed whose widest pools hold columns: pools stay where they are while the flow moves."""
