@@ -5,7 +5,8 @@
 
 from typing import Any
 
-from runout.physics.bed import driving_stress, friction_stress, normal_stress, upward_normal
+from runout.physics.bed import driving_stress, friction_stress, normal_stress
+from runout.physics.heightfield import upward_normal
 from runout.physics.tensors import vec
 
 

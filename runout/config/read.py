@@ -1,7 +1,7 @@
 """Reads site.yaml and reports all its problems together, each with line, value and remedy."""
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -111,40 +111,39 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     names = [r.get("name", "release") for r in releases]
     simulation = document.value(("simulation",))
     for conflicts in (device_conflicts, accuracy_conflicts) if isinstance(simulation, dict) else ():
-        for key, message, fix in conflicts({k: v for k, v in simulation.items() if v is not None}):
-            yield document.problem(("simulation", key) if key else ("simulation",), message, fix)
+        yield from _problems(document, ("simulation",), conflicts(_stated(simulation)))
     for i, release in enumerate(releases):
-        for key, message, fix in release_conflicts({k: v for k, v in release.items() if v is not None}) if release else ():
-            yield document.problem(("release", i, key) if key else ("release", i), message, fix)
+        yield from _problems(document, ("release", i), release_conflicts(_stated(release)) if release else ())
         if names[i] in names[:i]:
             place: Location = ("release", i, "name")
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
         yield from _own_friction(document, ("release", i), release, sampled)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
-        for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}) if zone else ():
-            yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
+        yield from _problems(document, ("terrain", "friction_zones", i), zone_conflicts(_stated(zone)) if zone else ())
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
     for i, structure in enumerate(_blocks(document, ("structures",))):
-        for key, message, fix in structure_conflicts({k: v for k, v in structure.items() if v is not None}):
-            yield document.problem(("structures", i, key), message, fix)
+        yield from _problems(document, ("structures", i), structure_conflicts(_stated(structure)))
     for i, first in repeated_structures(_blocks(document, ("structures",))):
         yield document.problem(("structures", i, "file"), f"structures[{first}] states the same bodies", "remove one of the two")
-    for key, message, fix in unused_samples(releases, sampled):
-        yield document.problem(("ensemble", "parameters", key), message, fix)
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
-    site = document.values if isinstance(document.values, dict) else {}
-    for key, message, fix in friction_conflicts({k: v for k, v in site.items() if v is not None}):
-        yield document.problem((key,), message, fix)
-    given = document.value((bed.BED,))
-    for key, message, fix in bed.bed_conflicts(
-        {k: v for k, v in given.items() if v is not None} if isinstance(given, dict) else {}
-    ):
-        yield document.problem((bed.BED, key), message, fix)
-    for key, message, fix in bed.foreign_parameters(document.values, sampled):
-        yield document.problem(("ensemble", "parameters", key), message, fix)
-    for key, message, fix in foreign_parameters(document.value(("material",)), stated_law(document.values), sampled):
-        yield document.problem(("ensemble", "parameters", key), message, fix)
+    yield from _problems(document, (), friction_conflicts(_stated(document.values)))
+    yield from _problems(document, (bed.BED,), bed.bed_conflicts(_stated(document.value((bed.BED,)))))
+    yield from _problems(document, ("ensemble", "parameters"), unused_samples(releases, sampled))
+    yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))
+    foreign = foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)
+    yield from _problems(document, ("ensemble", "parameters"), foreign)
+
+
+def _stated(block: Any) -> dict[str, Any]:
+    """Keys of a block that have a value; none if it is no block."""
+    return {key: value for key, value in block.items() if value is not None} if isinstance(block, dict) else {}
+
+
+def _problems(document: Document, place: Location, conflicts: Iterable[tuple[str, str, str]]) -> Iterator[Problem]:
+    """Problems of a block at a ``place`` from conflicts: key in it, empty for the block itself, message and remedy."""
+    for key, message, fix in conflicts:
+        yield document.problem((*place, key) if key else place, message, fix)
 
 
 def _rasters_of_law(document: Document, stated: dict[str, Any]) -> Iterator[Problem]:

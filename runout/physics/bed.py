@@ -4,13 +4,7 @@ import math
 from typing import Any
 
 from runout.physics.contact import law_resistance
-from runout.physics.tensors import dot, real, vec
-
-
-def upward_normal(east: Any, north: Any):
-    """Unit normal [1] of a ground with slopes east and north [1]."""
-    up = real(1.0) / math.sqrt(real(1.0) + east * east + north * north)
-    return vec(-up * east, -up * north, up)
+from runout.physics.tensors import dot, real
 
 
 def normal_stress(density: Any, thickness: Any, gravity: Any, normal: Any):
