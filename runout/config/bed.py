@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 BED, EROSION = "bed", "erosion"
 PREFIX = "erosion_"  # of the parameters of the law among those of an ensemble
-OF_A_BED = {name: LIMITS[name] for name in ("bed_depth_factor", "bed_density")}
+PORES = "bed_pore_pressure_ratio"  # among the parameters of an ensemble
+OF_A_BED = {**{name: LIMITS[name] for name in ("bed_depth_factor", "bed_density")}, PORES: LIMITS["pore_pressure_ratio"]}
 Depth = Annotated[Text | Annotated[float, within("bed_depth"), Tag("<number>")], Discriminator(shape)]
 
 
@@ -55,6 +56,12 @@ def bed_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "layer", "has no meaning without polygons", "add polygons, or remove it"
 
 
+class BedPoreSettings(Settings):
+    """Water in a bed."""
+
+    ratio: float = limited("pore_pressure_ratio", "pore pressure in the bed over the total normal stress", examples=[0.5])
+
+
 class BedSettings(Settings):
     """Material on the ground that the flow may take up."""
 
@@ -73,6 +80,12 @@ class BedSettings(Settings):
     layer: str | None = quantity("layer of the GeoPackage; not needed when it has one only", None, examples=["channel"])
     density: float | None = limited(
         "bed_density", "density of the bed; by default that of the mass that erodes it", None, examples=[1900.0]
+    )
+    pore_pressure: BedPoreSettings | None = quantity(
+        "water in the bed, {ratio: ...}, with which mass is taken up; it drains as that of the release. By default the ratio to "
+        "which that relaxes",
+        None,
+        examples=[{"ratio": 0.5}],
     )
     erosion: Annotated[SerializeAsAny[ErosionSettings], BeforeValidator(BLOCK.validated)] | None = quantity(
         "law of erosion and its parameters", None, examples=[{"law": DEFAULT_EROSION}]
@@ -139,15 +152,19 @@ def read_bed(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Bed |
     from runout.model.bed import Bed
     from runout.terrain.beds import read_bed_polygons, read_bed_raster
 
-    erosion = bed.erosion.with_values({})
+    how: dict[str, Any] = {
+        "erosion": bed.erosion.with_values({}),
+        "density": bed.density,
+        "pore_pressure_ratio": bed.pore_pressure.ratio if bed.pore_pressure else None,
+    }
     if bed.polygons is not None:
         with stated_at(file, BED, "polygons"):
             path = locate(bed.polygons, file.parent)
-            return read_bed_polygons(path, terrain, bed.depth, layer=bed.layer, erosion=erosion, density=bed.density)
+            return read_bed_polygons(path, terrain, bed.depth, layer=bed.layer, **how)
     if isinstance(bed.depth, str):
         with stated_at(file, BED, "depth"):
-            return read_bed_raster(locate(bed.depth, file.parent), terrain, erosion=erosion, density=bed.density)
-    return Bed(bed.depth, erosion, bed.density, stated_place(file, BED, "depth"))
+            return read_bed_raster(locate(bed.depth, file.parent), terrain, **how)
+    return Bed(bed.depth, source=stated_place(file, BED, "depth"), **how)
 
 
 def of_member(settings: "SiteSettings", bed: "Bed | None", sample: Mapping[str, float]) -> dict[str, Any]:
@@ -160,6 +177,7 @@ def of_member(settings: "SiteSettings", bed: "Bed | None", sample: Mapping[str, 
         law = EROSIONS.find(settings.bed.erosion.law)
         own = {p.key: sample[PREFIX + p.key] for p in law.parameters if PREFIX + p.key in sample}
         depth = bed.depth * sample.get("bed_depth_factor", 1.0)
-        density = sample.get("bed_density", bed.density)
-        arguments["bed"] = replace(bed, depth=depth, erosion=settings.bed.erosion.with_values(own), density=density)
+        density, ratio = sample.get("bed_density", bed.density), sample.get(PORES, bed.pore_pressure_ratio)
+        erosion = settings.bed.erosion.with_values(own)
+        arguments["bed"] = replace(bed, depth=depth, erosion=erosion, density=density, pore_pressure_ratio=ratio)
     return arguments

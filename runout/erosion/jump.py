@@ -27,9 +27,6 @@ class JumpErosion(Erosion):
         "friction angle of the bed", unit="deg", low=0, high=60, default=35.0, degrees=True, sampled=True
     )
     cohesion: float = parameter("cohesion of the bed", unit="Pa", low=0, high=1e6, default=0.0, sampled=True)
-    pore_ratio: float = parameter(
-        "pore pressure in the bed over the total normal stress", low=0, high=0.97, default=0.0, sampled=True
-    )
     speed_ratio: float = parameter(
         "speed at the base of the flow over its mean speed", low=0, high=1, open_low=True, default=1.0, sampled=True
     )

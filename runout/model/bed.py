@@ -38,6 +38,9 @@ class Bed:
         Law of the rate; :class:`runout.RammsErosion` with its default parameters by default.
     density : float, optional
         Of the bed [kg/m3]; that of the mass that erodes it by default. Eroded mass takes the density of the flow.
+    pore_pressure_ratio : float, optional
+        Pore pressure in the bed over the total normal stress [1], 0 to 0.97, with which mass is taken up; it drains as that of the
+        release that takes it up. By default the ratio to which that relaxes, 0 for a dry release.
     source : str
         Where the depth is from, for messages.
 
@@ -51,11 +54,15 @@ class Bed:
     erosion: Erosion = field(default_factory=default_erosion)
     density: float | None = None
     source: str = "bed"
+    pore_pressure_ratio: float | None = None
 
     def __post_init__(self) -> None:
         require_kind(Erosion, self.erosion, f"{self.source}: erosion", EROSION_REMEDY, ConfigError)
         if self.density is not None:
             checked("bed_density", self.density, place=self.source, key="density", error=ConfigError)
+        if self.pore_pressure_ratio is not None:
+            ratio, place = self.pore_pressure_ratio, self.source
+            checked("pore_pressure_ratio", ratio, place=place, key="pore_pressure: ratio", error=ConfigError)
         if np.ndim(self.depth) == 0:
             checked("bed_depth", self.depth, place=self.source, key="depth", error=ConfigError)
             return
@@ -74,7 +81,7 @@ class Bed:
     def from_vector(cls, path: str | PathLike[str], terrain: Terrain, depth: float | str, **choices: Any) -> "Bed":
         """Bed inside the polygons of a GeoPackage, Shapefile or GeoJSON; ``depth`` [m] is a number or the name of an attribute.
 
-        ``choices`` are ``layer``, ``erosion`` and ``density``. ConfigError with place, value and remedy.
+        ``choices`` are ``layer``, ``erosion``, ``density`` and ``pore_pressure_ratio``. ConfigError with place, value and remedy.
         """
         bed: Bed = reader("Bed.from_vector")(path, terrain, depth, **choices)
         return bed
@@ -83,7 +90,7 @@ class Bed:
     def from_raster(cls, path: str | PathLike[str], terrain: Terrain, **choices: Any) -> "Bed":
         """Bed whose depth [m] a raster states, on any grid in any known coordinate system; it must cover the terrain.
 
-        ``choices`` are ``erosion`` and ``density``. ConfigError with place, value and remedy.
+        ``choices`` are ``erosion``, ``density`` and ``pore_pressure_ratio``. ConfigError with place, value and remedy.
         """
         bed: Bed = reader("Bed.from_raster")(path, terrain, **choices)
         return bed
@@ -111,6 +118,12 @@ class Bed:
         lost = float((whole - left).sum() * terrain.cell_area)
         if lost > 0:
             found.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
+        dry = [release.name for release in releases if release.pore_pressure is None]
+        if self.pore_pressure_ratio and dry:
+            found.append(
+                f"{self.source}: pore_pressure is {self.pore_pressure_ratio:g}, but release {', '.join(dry)} is dry: what it takes "
+                "up is dry too; give the release a pore_pressure, which says how water drains"
+            )
         layer = volume / (spacing[0] * spacing[1])
         thickest = float(left.max())
         if thickest < layer:

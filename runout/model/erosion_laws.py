@@ -16,7 +16,7 @@ from runout.model.registry import Registry, classes_in
 PACKAGE = "runout.erosion"
 DEFAULT_EROSION = "ramms"
 ARGUMENTS = 7  # of ``rate``
-DENSITY = "density"  # of the bed [kg/m3], beside the parameters in the record that ``rate`` reads
+DENSITY, PORE_RATIO = "density", "pore_ratio"  # of the bed [kg/m3], [1], beside the parameters in the record that ``rate`` reads
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class ErosionLaw(RegisteredLaw[Erosion]):
     @cached_property
     def fields(self) -> tuple[str, ...]:
         """Names of the numbers of a record, which ``rate`` reads."""
-        return (*(p.name for p in self.parameters), DENSITY)
+        return (*(p.name for p in self.parameters), DENSITY, PORE_RATIO)
 
 
 EROSIONS: Registry[ErosionLaw] = Registry("erosion law", PACKAGE, "runout.erosion", ConfigError)
@@ -78,8 +78,8 @@ def register_erosion(erosion: type[Erosion], rate: Callable[..., Any]) -> None:
         ``H`` is its thickness normal to the ground [m], ``u`` its mean speed [m/s], ``sigma`` the total normal stress and ``tau``
         the shear stress at its base [Pa] (the driving stress, or with ``erosion.of_friction`` that of the law of friction),
         ``pore_ratio`` its pore pressure over sigma [1], ``eroded`` the depth eroded so far, normal to the ground [m], ``bed`` the
-        record of the parameters in SI units and radians, and of the ``density`` of the bed [kg/m3]. Plain scalar Python of the
-        shared subset (:mod:`runout.model.law_source`).
+        record of the parameters in SI units and radians, and of ``density`` [kg/m3] and ``pore_ratio`` [1] of the bed. Plain scalar
+        Python of the shared subset (:mod:`runout.model.law_source`).
 
     Raises
     ------

@@ -2,8 +2,8 @@
 
 An update takes the columns of the flow and adds what the law erodes to what each node owes. 2 x 2 nodes together give birth to
 what they owe, rounded to whole particles, at the node that owes most: at rest, without stress, at the lowered ground, with the
-number and the density of the mass above. The ground is lowered by all that is eroded, so that it stays smooth; maps and ledger hold
-what became particles. The grid passes momentum to these in the next transfer.
+number and the density of the mass above, and with the pore pressure of the bed. The ground is lowered by all that is eroded, so
+that it stays smooth; maps and ledger hold what became particles. The grid passes momentum to these in the next transfer.
 
 Updates come so often that the fastest particle goes half a cell and the bed falls by 2 % of a cell at most between two of them.
 """
@@ -25,7 +25,7 @@ from runout.backends.protocol import Backend, Counters, LedgerRow, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, require_kind
 from runout.model.bed import Bed
-from runout.model.erosion_laws import DENSITY, ErosionLaw, erosion_law_of
+from runout.model.erosion_laws import DENSITY, PORE_RATIO, ErosionLaw, erosion_law_of
 from runout.model.friction_laws import FrictionLaw
 from runout.model.nodal_surface import NodalSurface
 from runout.model.particle_source import ParticleSource
@@ -121,7 +121,9 @@ class ErodingBed:
 
     def content(self) -> list[np.ndarray]:
         """Arrays and numbers that, with the scene, determine what is eroded."""
-        numbers = [*self.bed.erosion.numbers().values(), self.bed.density or 0.0, self.volume, self.radius]
+        bed, unknown = self.bed, -1.0
+        ratio = unknown if bed.pore_pressure_ratio is None else bed.pore_pressure_ratio
+        numbers = [*bed.erosion.numbers().values(), bed.density or 0.0, ratio, self.volume, self.radius]
         return [self.depth.total, np.frombuffer((self.law.name + self.law.source).encode(), np.uint8), np.array(numbers)]
 
     def begin(self, particles: ParticleSource) -> None:
@@ -139,7 +141,7 @@ class ErodingBed:
         columns = Columns.of(boxes).window(self.first, self.owed.shape) if boxes is not None else None
         fastest = 0.0
         if columns is not None:
-            fastest = self._erode(columns, lasting)
+            fastest = self._erode(engine, columns, lasting)
             if 4.0 * self.area * fastest * (time - self.births_at) >= LATE * self.volume or fastest == 0.0:
                 self.births_at = time
                 self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
@@ -147,7 +149,7 @@ class ErodingBed:
         travel = array_binding().bed.time_to_travel(TRAVEL * h, engine.max_speed, max(g, 1e-12))
         self.due = time + min(float(travel), LOWERING * h / max(fastest, 1e-12))
 
-    def _erode(self, columns: Columns, lasting: float) -> float:
+    def _erode(self, engine: Backend, columns: Columns, lasting: float) -> float:
         """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""
         part_of = self._part(columns)
         owed, eroded = self.owed[part_of], self.eroded[part_of]
@@ -159,7 +161,7 @@ class ErodingBed:
         rates, density = np.zeros(len(i)), columns.mass[i, j] / columns.volume[i, j]
         slopes, covered = self._slopes_at(columns.first, i, j), covered_shares(columns.mass)[i, j]
         thickness = columns.volume[i, j] / (self.area * covered)
-        flow = np.column_stack([thickness, speed[i, j], density, np.zeros(len(i))])  # pore ratio: 0
+        flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine)[part_of][i, j]])
         basal = np.zeros(len(i), self.scene.basal.table().dtype)
         if self.bed.erosion.of_friction:
             x, y = ((index + start) * h for index, start, h in zip((i, j), columns.first, self.scene.spacing, strict=False))
@@ -178,9 +180,22 @@ class ErodingBed:
         """Record (1,) of the parameters of the law and the density [kg/m3] of the bed."""
         density = self.bed.density or float(self.scene.densities[0])
         record = np.zeros(1, [(name, np.float64) for name in self.law.fields])
-        for name, value in {**self.bed.erosion.numbers(), DENSITY: density}.items():
+        of_bed = {DENSITY: density, PORE_RATIO: self.bed.pore_pressure_ratio or 0.0}
+        for name, value in {**self.bed.erosion.numbers(), **of_bed}.items():
             record[name] = value
         return record
+
+    def _pore_ratios(self, engine: Backend) -> np.ndarray:
+        """Mean pore pressure ratios (nx, ny) [1] of the mass around the nodes; 0 where the law does not read them."""
+        if not (self.scene.is_wet and self.bed.erosion.of_friction):
+            return np.zeros(self.owed.shape)
+        present = engine.particles()
+        table = self.scene.pore_table().view(np.recarray)[present.release]
+        ratio = array_binding().pore_pressure.pore_ratio(present.pore_excess, present.pore_left, table)
+        places, inside = self._nodes_around(present)
+        mass = np.bincount(places, present.mass[inside], self.owed.size)
+        wet = np.bincount(places, (present.mass * ratio)[inside], self.owed.size)
+        return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0).reshape(self.owed.shape)
 
     def _slopes_at(self, first: tuple[int, int], i: np.ndarray, j: np.ndarray) -> np.ndarray:
         """Slopes (n, 2) [1] of the ground at nodes ``i``, ``j`` (n,) from ``first`` on."""
@@ -256,6 +271,10 @@ class ErodingBed:
         newborn.mass[:] = mass[releases]
         newborn.volume[:] = newborn.mass / self.scene.densities[releases]
         newborn.radius[:], newborn.identity[:] = self.radius, self.particles + number
+        if self.scene.is_wet:
+            stays = self.scene.pore_table()["equilibrium"][releases]
+            ratio = self.bed.pore_pressure_ratio
+            newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
         self.born += len(i)
         return newborn
 
@@ -276,13 +295,17 @@ class ErodingBed:
 
     def _note_releases(self, particles: Particles) -> None:
         """Note which release has most of the mass around each node."""
-        node = particles.node[:, :2] + np.round(particles.offset[:, :2]).astype(np.int64) - np.array(self.first)
-        inside = ((node >= 0) & (node < self.owed.shape)).all(axis=1)
-        places = np.ravel_multi_index(tuple(node[inside].T), self.owed.shape)
+        places, inside = self._nodes_around(particles)
         count = len(self.scene.materials)
         own = np.bincount(places * count + particles.release[inside], particles.mass[inside], self.owed.size * count)
         by_release = own.reshape(*self.owed.shape, count)
         self.releases = np.where(by_release.any(axis=2), by_release.argmax(axis=2), self.releases).astype(np.int32)
+
+    def _nodes_around(self, particles: Particles) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes of the plan nearest to the particles that have a bed below, and which particles (n,) these are."""
+        node = particles.node[:, :2] + np.round(particles.offset[:, :2]).astype(np.int64) - np.array(self.first)
+        inside = ((node >= 0) & (node < self.owed.shape)).all(axis=1)
+        return np.ravel_multi_index(tuple(node[inside].T), self.owed.shape), inside
 
     def ledger(self, row: LedgerRow) -> LedgerRow:
         """A row of the backend with what was booked before it was last loaded, and with what the bed gave."""

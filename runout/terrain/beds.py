@@ -24,6 +24,7 @@ DEPTH = Parameter("depth", "depth of the bed", replace(LIMITS["bed_depth"], open
 def read_bed_polygons(
     path: str | PathLike[str], terrain: Terrain, depth: float | str, *,
     layer: str | None = None, erosion: Erosion | None = None, density: float | None = None,
+    pore_pressure_ratio: float | None = None,
 ) -> Bed:  # fmt: skip
     """Bed of :meth:`runout.Bed.from_vector`; cells that an outline cuts have the covered share of the depth."""
     source = Path(path)
@@ -40,16 +41,17 @@ def read_bed_polygons(
         )
     for change in (*polygons.changes, *overlaps):
         log.warning(change)
-    return Bed(weighted.T[::-1], erosion or default_erosion(), density, str(source))
+    return Bed(weighted.T[::-1], erosion or default_erosion(), density, str(source), pore_pressure_ratio)
 
 
 def read_bed_raster(
-    path: str | PathLike[str], terrain: Terrain, *, erosion: Erosion | None = None, density: float | None = None
-) -> Bed:
+    path: str | PathLike[str], terrain: Terrain, *, erosion: Erosion | None = None, density: float | None = None,
+    pore_pressure_ratio: float | None = None,
+) -> Bed:  # fmt: skip
     """Bed of :meth:`runout.Bed.from_raster`; each cell of the terrain has the depth of the cell of the raster at its centre."""
     values, changes, doubts = sampled_raster(Path(path), terrain, DEPTH)
     for change in (*changes, *doubts):
         log.warning(change)
     if not (np.nan_to_num(values) > 0).any():
         raise InputError(f"{path}: depth of the bed is 0 on all cells of the terrain; check the raster, or remove the bed")
-    return Bed(np.nan_to_num(values).T[::-1], erosion or default_erosion(), density, str(path))
+    return Bed(np.nan_to_num(values).T[::-1], erosion or default_erosion(), density, str(path), pore_pressure_ratio)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import HARD, box, engine_of, plane, scene
 
-from runout import Bed, DruckerPrager, EnergyErosion, GrowthErosion, JumpErosion, RammsErosion, Terrain
+from runout import Bed, DruckerPrager, EnergyErosion, GrowthErosion, JumpErosion, PorePressure, RammsErosion, Terrain
 from runout.backends.protocol import BACKENDS
 from runout.errors import ConfigError
 from runout.model.erosion_laws import EROSIONS
@@ -22,6 +22,7 @@ SOIL = DruckerPrager(density=2000.0, friction_angle=32.0)
 EACH = pytest.mark.parametrize("name", BACKENDS)
 SLOPE = math.radians(30.0)
 MU = math.tan(math.radians(20.0))
+STEEP, LEVEL = (9.81 * math.sin(math.radians(31.0)), 0.0, -9.81 * math.cos(math.radians(31.0))), (0.0, 0.0, -9.81)
 DOWN = (9.81 * math.sin(SLOPE), 0.0, -9.81 * math.cos(SLOPE))
 FIXED = RammsErosion(rate=0.05, critical_stress=0.0, depth_per_stress=1.0)  # at this rate wherever gravity drives the flow
 
@@ -33,6 +34,8 @@ def run_over(engine, bed, time, *, friction=MU, speed=0.0, size=(10.0, 8.0, 1.0)
     p = box((8.0, 20.0, 0.0), size, (1.0, 1.0, 1.0), BLOCK.density, surface=a_scene.surface)
     p.strain[:, 2] = 2.0 * BLOCK.density * gravity[2] * (size[2] - p.position(np.ones(3))[:, 2]) / BLOCK.youngs_modulus
     p.velocity[:, 0] = speed
+    if a_scene.is_wet:
+        p.pore_excess[:], p.pore_left[:] = a_scene.pore_pressure[0].ratio, 1.0
     eroding = ErodingBed(bed, a_scene, terrain, [], PER_CELL)
     run = Run(engine, eroding.scene, RunControl(time, stop=False), None, keep, None, eroding)
     run.start(p)
@@ -135,11 +138,12 @@ def test_compiled_rate_is_that_of_plain_python(law):
 
     from runout.model.friction_laws import FRICTIONS, numbers_of
     from runout.physics import bed
+    from runout.physics.heightfield import upward_normal
     from runout.simulation.erosion import loops
 
     erosion = EROSIONS.find(law)
     friction, _ = numbers_of(0.3)
-    record = SimpleNamespace(**erosion.example.numbers(), density=1800.0)
+    record = SimpleNamespace(**erosion.example.numbers(), density=1800.0, pore_ratio=0.2)
     bed_record, basal = np.zeros(1, [(n, float) for n in erosion.fields]), np.zeros(1, [("friction", float)])
     for name, value in vars(record).items():
         bed_record[name] = value
@@ -152,7 +156,7 @@ def test_compiled_rate_is_that_of_plain_python(law):
     n = 1.0 / math.sqrt(1.29)
     sigma, sine = 2000.0 * 2.0 * n * 9.81 * n, math.sqrt(1.0 - n * n)
     tau = 0.9 * sigma if of_friction else 2000.0 * 2.0 * n * 9.81 * sine
-    assert sigma == pytest.approx(bed.normal_stress(2000.0, 2.0 * n, gravity, bed.upward_normal(0.5, -0.2)))
+    assert sigma == pytest.approx(bed.normal_stress(2000.0, 2.0 * n, gravity, upward_normal(0.5, -0.2)))
     expected = erosion.rate(2.0 * n, 3.0, sigma, tau, 0.0, 0.1 * n, record)
     assert expected > 0.0
     assert rates[0] * n == pytest.approx(expected, rel=1e-12)
@@ -177,12 +181,44 @@ def test_rates_of_the_laws_by_hand():
     assert rates["jump"](1.0, 0.0, 1e4, strength + 200.0, 0.0, 0.0, wet) == 0.05
 
 
-def test_wet_bed_feeds_the_flow_and_a_dry_one_slows_it():
-    """Iverson's finding: momentum after some time, over that without erosion, by the pore ratio of the bed (ceiling stated)."""
+@EACH
+def test_wet_bed_feeds_the_flow_and_a_dry_one_slows_it(name):
+    """The finding of Iverson et al. (2011): momentum over that without a bed, at a fixed rate, by the pore pressure of the bed."""
+    pore = PorePressure(ratio=0.5, decay_time=1e6)
 
-    def momentum(pore_ratio):
-        law = JumpErosion(most=0.05, friction_angle=22.0, pore_ratio=pore_ratio)
-        run, eroding = run_over(engine_of("scan"), Bed(0.5, law), 2.0, speed=3.0)
+    def momentum(ratio):
+        bed = Bed(0.12 if ratio is not None else 1e-9, FIXED, pore_pressure_ratio=ratio)
+        choices = {"friction": math.tan(math.radians(35.0)), "pore_pressure": (pore,), "gravity": STEEP}
+        run, eroding = run_over(engine_of(name), bed, 1.0, speed=1.0, size=(8.0, 6.0, 1.0), **choices)
+        return float(run.ledger.series()["momentum_x"][-1]), eroding, run.engine.particles()
+
+    (without, _, _), (dry, _, _), (wet, eroding, p) = momentum(None), momentum(0.0), momentum(0.95)
+    assert dry < 0.97 * without
+    assert wet > 1.01 * without
+    born = p.identity >= eroding.particles
+    assert born.sum() == eroding.born > 20
+    np.testing.assert_allclose(p.pore_excess[born] * p.pore_left[born], 0.95, rtol=1e-4)
+    np.testing.assert_allclose(p.pore_excess[~born] * p.pore_left[~born], 0.5, rtol=1e-4)
+
+
+def test_friction_of_a_wet_flow_erodes_less():
+    """Laws that take the friction of the flow take it at effective stress: half of the pressure, half of the rate."""
+    energy, time = Bed(0.5, EnergyErosion(specific_energy=2e3)), 0.25
+    taken = {}
+    for ratio in (0.0, 0.5):
+        pore = PorePressure(ratio=ratio, decay_time=1e6)
+        _, eroding = run_over(engine_of("scan"), energy, time, speed=4.0, gravity=LEVEL, pore_pressure=(pore,))
+        taken[ratio] = float(eroding.eroded.sum())
+    assert taken[0.5] == pytest.approx(0.5 * taken[0.0], rel=0.12)  # the wet flow keeps more of its speed
+    assert taken[0.0] > 0.0
+
+
+def test_jump_of_stress_on_a_wet_bed_gains_momentum():
+    """With a stated ceiling."""
+
+    def momentum(ratio):
+        bed = Bed(0.5, JumpErosion(most=0.05, friction_angle=22.0), pore_pressure_ratio=ratio)
+        run, eroding = run_over(engine_of("scan"), bed, 2.0, speed=3.0)
         return run.ledger.series()["momentum_x"][-1], eroding.born
 
     (dry, few), (wet, many) = momentum(0.0), momentum(0.9)

@@ -14,6 +14,7 @@ from runout.model.basal_friction import MassAbove
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 from runout.physics import (
+    bed,
     blocks,
     bspline,
     contact,
@@ -217,6 +218,10 @@ CASES = [
     Case(contact.fastest_start, "sss", "s", (between(0.1, 5.0), between(0.0, 10.0), step)),
     Case(contact.started_time, "vss", "s", (vector, between(0.01, 5.0), step)),
     Case(contact.kept_share, "ss", "s", (step, between(1e-6, 0.1))),
+    Case(bed.normal_stress, "ssvv", "s", (between(500.0, 2500.0), between(0.1, 5.0), vector, vector)),
+    Case(bed.driving_stress, "ssvv", "s", (between(500.0, 2500.0), between(0.1, 5.0), vector, vector)),
+    Case(bed.friction_stress, "sssm", "s", (between(0.0, 5.0), share, speed)),
+    Case(bed.time_to_travel, "sss", "s", (between(0.1, 5.0), speed, between(1.0, 10.0))),
     Case(contact.largest_share, "s", "s", (between(0.05, 5.0),)),
     Case(contact.area_share, "sss", "s", (between(0.0, 1.0), between(0.1, 50.0), between(0.1, 50.0))),
     Case(contact.ground_area, "sss", "s", (between(0.1, 50.0), between(0.1, 4.0), between(0.2, 1.0))),

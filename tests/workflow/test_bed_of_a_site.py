@@ -33,9 +33,15 @@ def test_member_has_the_bed_with_its_sampled_parameters(tmp_path):
     site = runout.read_site(write_site(tmp_path / "site", text))
     arguments = site.member_arguments({"erosion_rate": 0.03, "bed_depth_factor": 0.5, "bed_density": 1500.0})
     bed = arguments["bed"]
+    assert bed.pore_pressure_ratio is None
     assert (bed.depth, bed.density, arguments["bulking"]) == (0.6, 1500.0, 0.9)
     assert bed.erosion == RammsErosion(rate=0.03, critical_stress=1e3, depth_per_stress=1e-4)
     assert site.member_arguments({"bulking": 1.1})["bulking"] == 1.1
+    wet = runout.read_site(
+        write_site(tmp_path / "wet", text.replace("depth: 1.2\n", "depth: 1.2\n  pore_pressure: {ratio: 0.5}\n"))
+    )
+    assert wet.member_arguments()["bed"].pore_pressure_ratio == 0.5
+    assert wet.member_arguments({"bed_pore_pressure_ratio": 0.7})["bed"].pore_pressure_ratio == 0.7
 
 
 def test_bed_is_read_from_a_raster_and_from_polygons(tmp_path):
@@ -66,6 +72,8 @@ def test_bed_is_read_from_a_raster_and_from_polygons(tmp_path):
         ("bed: {depth: 1, layer: x, erosion: {}}", r"bed.layer: has no meaning without polygons"),
         ("bed: {depth: 1, erosion: {growth_rate: 1}}", r"bed.erosion.growth_rate: unknown key; it belongs to law: growth"),
         ("bed: {depth: gone.tif, erosion: {}}", r"bed.depth: there is no file 'gone.tif'"),
+        ("bed: {depth: 1, erosion: {}, pore_pressure: {ratio: 0.98}}", r"bed.pore_pressure.ratio: 0.98 is out of range"),
+        ("bed: {depth: 1, erosion: {}, pore_pressure: {}}", r"bed.pore_pressure.ratio: required key is missing"),
         ("bed: {density: 1900}", r"bed: states neither depth nor erosion"),
         ("bulking: 0", r"bulking: 0 is out of range"),
     ],
