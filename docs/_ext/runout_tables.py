@@ -162,7 +162,7 @@ class ProcessTables(SphinxDirective):
 
         nodes = []
         for p in processes().values():
-            pages = ", ".join(f"[{page}](../validation/{page}.md)" for page in p.compared) or "nothing yet"
+            pages = ", ".join(f"[{page}](../validation/{page}.md)" for page in p.compared) or "no case of this process"
             said = f"**{p.title[0].upper()}{p.title[1:]}** (`--process {p.name}`). {p.law} Compared with: {pages}."
             nodes += [*self.parse_text_to_nodes(said), *_ranges_table(self, p.variant)]
             for other in p.others:
