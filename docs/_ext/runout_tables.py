@@ -3,7 +3,8 @@
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
 ``{friction-laws}`` and ``{erosion-laws}`` those of every friction and erosion law, ``{law-classes}`` their classes, and
 ``{law-formulas}`` their formulas;
-``{variables} max_speed peak_* ...`` lists variables of the products, ``{presets}`` those of accuracy, and ``{scores}`` the scores.
+``{variables} max_speed peak_* ...`` lists variables of the products, ``{presets}`` those of accuracy, ``{scores}`` the scores, and
+``{processes}`` the published values of each process.
 """
 
 from fnmatch import filter
@@ -152,6 +153,49 @@ class ScoresTable(SphinxDirective):
         return _table(self, ["score", "unit", "range", "best", "meaning", "reference"], rows)
 
 
+class ProcessTables(SphinxDirective):
+    """For each process of process_ranges.yaml its law, its published values, and the pages that compare runout."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the tables."""
+        from runout.config.process_ranges import processes
+
+        nodes = []
+        for p in processes().values():
+            pages = ", ".join(f"[{page}](../validation/{page}.md)" for page in p.compared) or "no case of this process"
+            said = f"**{p.title[0].upper()}{p.title[1:]}** (`--process {p.name}`). {p.law} Compared with: {pages}."
+            nodes += [*self.parse_text_to_nodes(said), *_ranges_table(self, p.variant)]
+            for other in p.others:
+                laws = "; ".join(f"`{key}: {_plain(block)}`" for key, block in other.settings.items())
+                nodes += [*self.parse_text_to_nodes(f"Or, with {laws}:"), *_ranges_table(self, other)]
+        return nodes
+
+
+def _plain(block: Any) -> str:
+    """A block of settings on one line."""
+    return "{" + ", ".join(f"{k}: {_plain(v)}" for k, v in block.items()) + "}" if isinstance(block, dict) else f"{block}"
+
+
+def _ranges_table(directive: SphinxDirective, variant: Any) -> list[Any]:
+    """Table of the published values of the laws of a process."""
+    from runout.config.material import sampled_ranges
+
+    units = {key: valid.unit for key, valid in sampled_ranges().items()}
+    rows = [
+        [
+            f"`{r.key}`",
+            " - ".join(f"{v:g}" for v in r.values[::2]),
+            f"{r.typical:g}",
+            units[r.key],
+            r.source,
+            f"{r.events}",
+            r.checked,
+        ]
+        for r in variant.ranges
+    ]
+    return _table(directive, ["parameter", "range", "typical", "unit", "source", "events", "checked"], rows)
+
+
 def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, history: str = "") -> list[Any]:
     """What a law is, and a table of its keys; ``sampled`` holds those that an ensemble may sample."""
     said = directive.parse_text_to_nodes(f"`law: {law}`. {model.__doc__}{history}")
@@ -209,4 +253,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("variables", VariablesTable)
     app.add_directive("presets", PresetsTable)
     app.add_directive("scores", ScoresTable)
+    app.add_directive("processes", ProcessTables)
     return {"parallel_read_safe": True}

@@ -14,6 +14,10 @@ from runout.errors import ExitCode
 
 LOGGER = logging.getLogger(__name__)
 RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
+PROCESS = (
+    "Write published values of a process: rock_avalanche, ice_rock_avalanche, debris_flow, hillslope_debris_flow, mud_flow or "
+    "snow_avalanche."
+)
 Force = Annotated[bool, Parameter(name="--force", negative="", help="Run even if nothing has changed.")]
 
 
@@ -26,12 +30,13 @@ def new(
     thickness: Annotated[str | None, Parameter(help="Attribute of the polygons that holds the thickness, or metres.")] = None,
     crs: Annotated[str | None, Parameter(help="Coordinate system of a DEM that states none, such as EPSG:32632.")] = None,
     layer: Annotated[str | None, Parameter(help="Layer of the polygons, where their file has several.")] = None,
+    process: Annotated[str | None, Parameter(help=PROCESS)] = None,
     session: Injected,
 ) -> int:
     """Make a site folder: a commented site.yaml and inputs/."""
     from runout.config.scaffold import new_site
 
-    made = new_site(folder, dem, release, thickness, crs=crs, layer=layer)
+    made = new_site(folder, dem, release, thickness, crs=crs, layer=layer, process=process)
     LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, quote(str(folder)))
     return ExitCode.OK
 

@@ -17,6 +17,7 @@ from runout.config.bed import BLOCK as EROSION_BLOCK
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.material import BLOCK
 from runout.config.problems import inner_model
+from runout.config.process_ranges import Process, Variant, process_named
 from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
@@ -33,6 +34,7 @@ SAMPLES = "matplotlib:"
 LAYER_OPTION = "--layer"
 Copy = Callable[[str, Path, str], str]  # of a source to a folder under a name; returns the name of the copy
 WIDTH = 110
+PARAMETERS = "\n  parameters:\n"  # of the ensemble, in the text of a site.yaml
 LARGEST_PLAIN = 1e5  # larger numbers are easier to read as 5e7
 HEAD = """\
 # Settings of a runout site. `runout check` lists every problem of this file and forecasts the run.
@@ -48,6 +50,7 @@ def new_site(
     *,
     crs: str | None = None,
     layer: str | None = None,
+    process: str | None = None,
 ) -> Path:
     """Path of the site.yaml of a new site folder with copies of its inputs.
 
@@ -66,11 +69,14 @@ def new_site(
         Coordinate reference system of an elevation raster that states none, such as ``EPSG:32632``.
     layer : str, optional
         Layer of the polygons; needed if the file has several.
+    process : str, optional
+        Name of the process, such as ``debris_flow``, whose published laws, values and ranges are written.
 
     Raises
     ------
     InputError
-        If the folder is in use, or an input is missing, cannot be used or cannot be copied without a change.
+        If there is no such process, the folder is in use, or an input is missing, cannot be used or cannot be copied without a
+        change.
     StorageError
         If the folder cannot be written; nothing is left behind then.
     """
@@ -78,6 +84,7 @@ def new_site(
     from runout.io.part import part_folder
 
     target, dem, release = Path(os.path.abspath(folder)), str(dem), str(release)
+    chosen = None if process is None else process_named(process)
     _require_inputs(dem, release)
     _require_free(Path(folder), dem, release)
     cell, mass = _cell_and_release(dem, release, thickness, crs, layer)
@@ -85,7 +92,7 @@ def new_site(
         target.parent.mkdir(parents=True, exist_ok=True)
         with part_folder(target) as part:
             (part / target.name / "inputs").mkdir(parents=True)
-            _fill(part / target.name, _first_settings(target.name, cell, dem, crs), mass)
+            _fill(part / target.name, _first_settings(target.name, cell, dem, crs), mass, chosen)
             _move(part / target.name, target)
     except OSError as error:
         raise storage_error(folder, error) from error
@@ -177,21 +184,25 @@ def _require_raster(source: str) -> None:
         raise InputError(f"{cause}; a release is {kinds}") from cause
 
 
-def _fill(folder: Path, settings: dict[str, Any], release: dict[str, Any]) -> None:
-    """Copy the inputs to ``inputs/`` and write a site.yaml that names the copies."""
+def _fill(folder: Path, settings: dict[str, Any], release: dict[str, Any], process: Process | None) -> None:
+    """Copy the inputs to ``inputs/`` and write a site.yaml that names the copies, with the published values of a process."""
     from runout.io.input_copies import copy_raster, copy_vector
 
     def copied(copy: Copy, source: str, stem: str) -> str:
         name = copy(source, folder / "inputs", stem)
         return with_file(name, f"inputs/{file_in(name)}")
 
+    if process:
+        settings = process.applied({**settings, "release": release})
+        release = settings.pop("release")
     layer = release.get("layer")
     copies: dict[str, Copy] = {"polygons": partial(copy_vector, layer=layer), "raster": copy_raster}
     if not settings["terrain"]["dem"].startswith(SAMPLES):
         settings["terrain"]["dem"] = copied(copy_raster, settings["terrain"]["dem"], "dem")
     for key in release.keys() & copies:
         settings["release"] = [release | {key: copied(copies[key], release[key], "release")}]
-    (folder / FILE_NAME).write_text(commented_yaml(SiteSettings.model_validate(settings)), encoding="utf-8")
+    text = commented_yaml(SiteSettings.model_validate(settings))
+    (folder / FILE_NAME).write_text(_with_sources(text, process) if process else text, encoding="utf-8")
 
 
 def _move(made: Path, folder: Path) -> None:
@@ -216,6 +227,30 @@ def _first_settings(name: str, cell: float, dem: str, crs: str | None) -> dict[s
         "simulation": {"cell_size": cell, "end_time": 120.0},
         "ensemble": {"members": 8, "seed": 1, "parameters": {"basal_friction_angle_deg": angle}},
     }
+
+
+def _with_sources(text: str, process: Process) -> str:
+    """Text of a site.yaml with the source of each value of a process, and with its other laws as comments."""
+    head, tail = text.split(PARAMETERS, 1)
+    lines = tail.split("\n")
+    sampled = {r.key: lines.pop(0) for r in process.variant.ranges if r.distribution}
+    note = "Values of other events, not calibrated to this site. Check what is cited from memory before you rely on it."
+    made = _wrapped(note, "    ")
+    for r in process.variant.ranges:
+        made += [*_wrapped(r.words(), "    "), *([sampled[r.key]] if r.distribution else [])]
+    offered = [line for other in process.others for line in _offered(other)]
+    return head + PARAMETERS + "\n".join(made + offered + lines)
+
+
+def _offered(other: Variant) -> Iterator[str]:
+    """Comment lines of another law or an added part: its settings, and the distributions that fit them."""
+    stated = other.applied({})
+    sampled = stated.pop("ensemble")["parameters"]
+    yield from _wrapped(f"Or, with {'; '.join(f'{key}: {_flow(value)}' for key, value in stated.items())}:", "    ")
+    for r in other.ranges:
+        yield from _wrapped(r.words(), "    ")
+        if r.key in sampled:
+            yield f"    # {r.key}: {_flow(sampled[r.key])}"
 
 
 def _two_digits(cell: float) -> float:
@@ -258,8 +293,12 @@ def _item(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> Ite
 def _comment(field: FieldInfo, indent: str) -> Iterator[str]:
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
-    text = f"{field.description} [{unit}]" if unit else str(field.description)
-    yield from textwrap.wrap(text, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+    yield from _wrapped(f"{field.description} [{unit}]" if unit else str(field.description), indent)
+
+
+def _wrapped(text: str, indent: str) -> list[str]:
+    """A text as comment lines."""
+    return textwrap.wrap(text, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
 
 
 def _example(field: FieldInfo) -> str:
