@@ -204,6 +204,7 @@ def _kernels_of(
     names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned, "WET": wet}
     names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
+    names["Pores"] = names["Reals" if what.structured else "PoreGroup"]  # not read at structures: the group would pass 4 kilobytes
     names |= {"COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision, wet) if law else {}) | (_friction_names(friction, precision) if friction else {})
 

@@ -38,6 +38,7 @@ Longs: TypeAlias = Any
 Materials: TypeAlias = Any
 Frictions: TypeAlias = Any
 Surface: TypeAlias = Any
+Pores: TypeAlias = Any
 PoreRecords: TypeAlias = Any
 Tile: TypeAlias = Any
 
