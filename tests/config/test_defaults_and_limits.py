@@ -8,7 +8,7 @@ from refused_site import problems
 
 from runout.config import schema
 from runout.config.hazard import HazardSettings
-from runout.config.observations import DepositSettings, DifferenceSettings, GaugeSettings, OutlineSettings
+from runout.config.observations import DepositSettings, DifferenceSettings, GaugeSettings, OutlineSettings, ThalwegSettings
 from runout.config.probes import ProbeSettings
 from runout.config.read import load
 from runout.config.stability import StabilitySettings
@@ -103,6 +103,18 @@ LIMITS = [  # model, other keys, key, valid values, values that are refused
     (HazardSettings, {}, "joint", [[{"thickness": 1, "speed": 1}]], [[], [{"thickness": 1}], [{}]]),
     (DifferenceSettings, {"raster": "a.tif"}, "detection_limit", [0.0, 100.0], [-0.1, 100.1]),
     (GaugeSettings, {"points": "a"}, "speed", ["v"], [None]),
+    (OutlineSettings, {}, "polygons", ["a"], ["", None]),
+    (OutlineSettings, {"polygons": "a"}, "shows", ["flow", "deposit"], ["both", None]),
+    (DepositSettings, {}, "raster", ["a"], ["", None]),
+    (GaugeSettings, {"thickness": "h"}, "points", ["a"], ["", None]),
+    (ThalwegSettings, {}, "line", ["a"], ["", None]),
+    (ProbeSettings, {}, "cross_sections", ["a"], ["", None]),
+    (schema.ObstacleSettings, {"height": 3.0}, "polygons", ["a"], [""]),
+    (schema.ZoneSettings, {"factor": 2.0}, "polygons", ["a"], [""]),
+    (schema.ZoneSettings, {"polygons": "a"}, "factor", [2.0, "attribute"], [None, -1.0, ""]),
+    (schema.ZoneSettings, {"polygons": "a", "factor": 2.0}, "basal_friction_angle_deg", [None], [30.0]),
+    (StructureSettings, {}, "file", ["a.gpkg"], [""]),
+    (StructureSettings, {"file": "a.gpkg"}, "protects", ["b"], [""]),
     (ProbeSettings, {"points": "a"}, "interval", [1e-6], [0.0]),
     (ProbeSettings, {}, "points", ["a", [{"name": "p", "x": 0, "y": 0}]], ["", [], None, [{"name": "", "x": 0, "y": 0}]]),
     (ProbeSettings, {"points": [{"name": "p", "x": 0, "y": 0}]}, "points_layer", [None], ["layer"]),

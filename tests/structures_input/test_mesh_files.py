@@ -333,6 +333,16 @@ def test_many_open_bodies_of_a_file_are_one_line(level, tmp_path):
     assert said.endswith(" (and 3 more of its bodies have faults)")
 
 
+@pytest.mark.parametrize(("count", "more"), [(1, ""), (2, " (and 1 more of its bodies have faults)")])
+def test_one_body_with_a_fault_is_told_alone_and_a_second_one_is_counted(level, tmp_path, count, more):
+    boxes = [box((100 + WEST, 40 + SOUTH + 30 * k, 103), (12, 8, 10)) for k in range(3)]
+    faces = [np.asarray(one.faces)[int(k < count) :] + 8 * k for k, one in enumerate(boxes)]
+    said = refused(write(tmp_path / "odd.obj", np.concatenate([one.vertices for one in boxes]), np.concatenate(faces)), level)
+    assert said.startswith("body 'structure'")
+    assert ("more of its bodies" in said) is (count > 1)
+    assert said.endswith(more)
+
+
 def crowded(count):
     """A closed body of needles that all cross the same place in plan, so that each edge has all faces in its box."""
     angle = np.linspace(0.0, np.pi, count, endpoint=False)

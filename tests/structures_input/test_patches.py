@@ -8,6 +8,7 @@ from runout.model.structures import Patches
 from runout.model.terrain import Terrain
 from runout.structures import patches as made_of
 from runout.structures.pieces import Pieces, cut_pieces
+from runout.structures.solid import normals_and_areas
 
 UP = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])  # 0.5 m2
 DOWN, BESIDE = UP[::-1], UP + np.array([2.0, 0.0, 0.0])
@@ -71,9 +72,7 @@ def test_a_small_patch_joins_the_nearest_of_its_facade_that_is_not_small():
 def test_faces_between_bodies_that_touch_are_left_out_and_others_stay_whole(level):
     west, east = body(box((100, 100, 105), (20, 10, 18)), "west"), body(box((120, 100, 105), (20, 10, 18)), "east")
     pieces, surface = cut_pieces([west, east], level, 2.0)
-    areas = 0.5 * np.linalg.norm(
-        np.cross(pieces.corners[:, 1] - pieces.corners[:, 0], pieces.corners[:, 2] - pieces.corners[:, 0]), axis=1
-    )
+    areas = normals_and_areas(pieces.corners)[1]
     assert areas.sum() == pytest.approx(2 * (40 * 10 + 40 * 18 + 10 * 18))
     assert np.bincount(pieces.solid, areas) == pytest.approx([20 * 10 * 2 + 20 * 18 * 2 + 10 * 18] * 2)
     assert areas[pieces.visible].sum() == pytest.approx(40 * 10 + 2 * (40 + 10) * 14)
@@ -81,6 +80,18 @@ def test_faces_between_bodies_that_touch_are_left_out_and_others_stay_whole(leve
     assert set(pieces.facade[pieces.solid == 1]) == {1}
     inner, _ = cut_pieces([west, body(box((100, 100, 105), (4, 4, 4)), "inner")], level, 2.0)
     assert set(inner.solid) == {0}, "a body within another one has no surface"
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_hut_at_a_tall_house_covers_its_wall_in_any_order(level, order):
+    """The western wall of the hut is gone, and of the eastern wall of the house the pieces that lie wholly behind it."""
+    house, hut = body(box((100, 100, 110), (20, 10, 28)), "house"), body(box((113, 100, 101), (6, 6, 10)), "hut")
+    pieces, surface = cut_pieces([[house, hut][k] for k in order], level, 1.0)
+    areas = normals_and_areas(pieces.corners)[1]
+    own = np.bincount(pieces.solid, areas)[list(order)]
+    assert own[1] == pytest.approx(2 * (36 + 60 + 60) - 60)
+    assert 2 * (200 + 560 + 280) - 60 <= own[0] < 2 * (200 + 560 + 280) - 30
+    assert normals_and_areas(surface)[1].sum() == pytest.approx(areas.sum())
 
 
 def test_pieces_above_unknown_ground_are_not_visible():
