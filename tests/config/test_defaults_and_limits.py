@@ -7,6 +7,7 @@ from pydantic import ValidationError
 from refused_site import problems
 
 from runout.config import schema
+from runout.config.distributions import DISTRIBUTIONS
 from runout.config.hazard import HazardSettings
 from runout.config.observations import DepositSettings, DifferenceSettings, GaugeSettings, OutlineSettings, ThalwegSettings
 from runout.config.probes import ProbeSettings
@@ -134,6 +135,21 @@ LIMITS = [  # model, other keys, key, valid values, values that are refused
     (StabilitySettings, {}, "most", [1], [0]),
     (StabilitySettings, {"saturation": 0.5}, "transmissivity_recharge", [], [2000.0]),
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("stated", "support"),
+    [
+        ({"distribution": "uniform", "low": 1.0, "high": 3.0}, (1.0, 3.0)),
+        ({"distribution": "triangular", "low": 1.0, "mode": 2.0, "high": 3.0}, (1.0, 3.0)),
+        ({"distribution": "discrete", "values": [2.0, 3.0, 1.0], "frequencies": [1.0, 1.0, 2.0]}, (1.0, 3.0)),
+        ({"distribution": "normal", "mean": 10.0, "standard_deviation": 2.0}, (2.0, 18.0)),  # four standard deviations
+        ({"distribution": "normal", "mean": 10.0, "standard_deviation": 2.0, "low": 5.0}, (5.0, 18.0)),
+        ({"distribution": "normal", "mean": 10.0, "standard_deviation": 2.0, "high": 12.0}, (2.0, 12.0)),
+    ],
+)
+def test_a_distribution_knows_its_smallest_and_largest_value(stated, support):
+    assert DISTRIBUTIONS[stated["distribution"]](**stated).support() == support
 
 
 @pytest.mark.parametrize(
