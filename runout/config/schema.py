@@ -137,7 +137,7 @@ class TerrainSettings(Settings):
     smoothing: float | None = limited(
         "smoothing", "average the elevations over a triangle of this half-width against survey artefacts", None, examples=[20.0]
     )
-    overhang_friction_angle_deg: float | None = limited(
+    overhang_friction_angle_deg: Degrees | None = limited(
         "basal_friction_angle", "friction angle of the overhangs of a mesh; by default that of the ground", None, examples=[30.0]
     )
     obstacles: list[ObstacleSettings] | None = quantity(

@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from runout.config.distributions import Settings, limited, quantity, refuse, shape
 from runout.config.document import Document, read_document
 from runout.config.fetch import locate
-from runout.config.quantities import Text, within
+from runout.config.quantities import Degrees, Text, within
 from runout.config.stated_at import within_site
 from runout.errors import InputError, StructureError
 from runout.io.source_kinds import is_mesh
@@ -92,7 +92,7 @@ class StructureSettings(Settings):
         None,
         examples=["along_ground"],
     )
-    friction_angle_deg: float = limited(
+    friction_angle_deg: Degrees = limited(
         "basal_friction_angle", "friction angle of the surfaces; an attribute `friction_deg` replaces it", 20.0
     )
     units: Literal["m", "cm", "mm", "ft"] | None = quantity("units of a mesh: m, cm, mm or ft", None, examples=["m"])

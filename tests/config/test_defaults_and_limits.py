@@ -7,8 +7,9 @@ from pydantic import ValidationError
 from refused_site import problems
 
 from runout.config import schema
+from runout.config.distributions import DISTRIBUTIONS
 from runout.config.hazard import HazardSettings
-from runout.config.observations import DepositSettings, DifferenceSettings, GaugeSettings, OutlineSettings
+from runout.config.observations import DepositSettings, DifferenceSettings, GaugeSettings, OutlineSettings, ThalwegSettings
 from runout.config.probes import ProbeSettings
 from runout.config.read import load
 from runout.config.stability import StabilitySettings
@@ -94,12 +95,28 @@ LIMITS = [  # model, other keys, key, valid values, values that are refused
     (schema.TerrainSettings, {"dem": "a.tif"}, "obstacles", [[{"polygons": "a", "height": 1}]], [[]]),
     (schema.TerrainSettings, {"dem": "a.tif"}, "friction_zones", [[{"polygons": "a", "factor": 1.5}]], [[]]),
     (schema.TerrainSettings, {"dem": "a.tif"}, "friction_rasters", [{"friction_angle_deg": "a"}], [{}, {"friction_angle_deg": ""}]),
+    (schema.TerrainSettings, {"dem": "a.OBJ"}, "resolution", [5.0], [None, 0.0]),
+    (schema.TerrainSettings, {"dem": "a.ply", "resolution": 5.0}, "overhang_friction_angle_deg", [None, 30.0], [-1.0, 0.3, 91.0]),
+    (StructureSettings, {"file": "a.gpkg"}, "friction_angle_deg", [0.0, 30.0], [-1.0, 0.3, 91.0, None]),
+    (schema.TerrainSettings, {"dem": "a.tif"}, "overhang_friction_angle_deg", [None], [30.0]),
     (HazardSettings, {}, "percentiles", [[1.0], [0.5, 99.9]], [[], [0.0, 5.0], [50.0, 100.0], [0.05, 0.5], [50, 5], [5, 5]]),
     (HazardSettings, {}, "thickness_thresholds", [[0.5]], [[], [0.0], [1.0, 0.5], [1.0, 1.0]]),
     (HazardSettings, {}, "speed_thresholds", [[], [0.1]], [[0.0], [2.0, 1.0]]),
     (HazardSettings, {}, "joint", [[{"thickness": 1, "speed": 1}]], [[], [{"thickness": 1}], [{}]]),
     (DifferenceSettings, {"raster": "a.tif"}, "detection_limit", [0.0, 100.0], [-0.1, 100.1]),
     (GaugeSettings, {"points": "a"}, "speed", ["v"], [None]),
+    (OutlineSettings, {}, "polygons", ["a"], ["", None]),
+    (OutlineSettings, {"polygons": "a"}, "shows", ["flow", "deposit"], ["both", None]),
+    (DepositSettings, {}, "raster", ["a"], ["", None]),
+    (GaugeSettings, {"thickness": "h"}, "points", ["a"], ["", None]),
+    (ThalwegSettings, {}, "line", ["a"], ["", None]),
+    (ProbeSettings, {}, "cross_sections", ["a"], ["", None]),
+    (schema.ObstacleSettings, {"height": 3.0}, "polygons", ["a"], [""]),
+    (schema.ZoneSettings, {"factor": 2.0}, "polygons", ["a"], [""]),
+    (schema.ZoneSettings, {"polygons": "a"}, "factor", [2.0, "attribute"], [None, -1.0, ""]),
+    (schema.ZoneSettings, {"polygons": "a", "factor": 2.0}, "basal_friction_angle_deg", [None], [30.0]),
+    (StructureSettings, {}, "file", ["a.gpkg"], [""]),
+    (StructureSettings, {"file": "a.gpkg"}, "protects", ["b"], [""]),
     (ProbeSettings, {"points": "a"}, "interval", [1e-6], [0.0]),
     (ProbeSettings, {}, "points", ["a", [{"name": "p", "x": 0, "y": 0}]], ["", [], None, [{"name": "", "x": 0, "y": 0}]]),
     (ProbeSettings, {"points": [{"name": "p", "x": 0, "y": 0}]}, "points_layer", [None], ["layer"]),
@@ -118,6 +135,21 @@ LIMITS = [  # model, other keys, key, valid values, values that are refused
     (StabilitySettings, {}, "most", [1], [0]),
     (StabilitySettings, {"saturation": 0.5}, "transmissivity_recharge", [], [2000.0]),
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("stated", "support"),
+    [
+        ({"distribution": "uniform", "low": 1.0, "high": 3.0}, (1.0, 3.0)),
+        ({"distribution": "triangular", "low": 1.0, "mode": 2.0, "high": 3.0}, (1.0, 3.0)),
+        ({"distribution": "discrete", "values": [2.0, 3.0, 1.0], "frequencies": [1.0, 1.0, 2.0]}, (1.0, 3.0)),
+        ({"distribution": "normal", "mean": 10.0, "standard_deviation": 2.0}, (2.0, 18.0)),  # four standard deviations
+        ({"distribution": "normal", "mean": 10.0, "standard_deviation": 2.0, "low": 5.0}, (5.0, 18.0)),
+        ({"distribution": "normal", "mean": 10.0, "standard_deviation": 2.0, "high": 12.0}, (2.0, 12.0)),
+    ],
+)
+def test_a_distribution_knows_its_smallest_and_largest_value(stated, support):
+    assert DISTRIBUTIONS[stated["distribution"]](**stated).support() == support
 
 
 @pytest.mark.parametrize(

@@ -225,3 +225,22 @@ def test_obstacles_raise_the_ground_of_a_site(edited, site_folder):
     raised[19, 10:13] = 6.0, 6.0, 3.0
     np.testing.assert_allclose(site.terrain().elevation - plain, raised, atol=1e-6)
     assert site.terrain().changes[-1].endswith("obstacles on 250 m2 change the ground by 6 to 6 m")
+
+
+@pytest.mark.parametrize(("edge", "placement", "is_whole"), [("vertical", "excavated", True), ("tapered", "on_surface", False),
+                                                            (None, "excavated", False), (None, "on_surface", True)])  # fmt: skip
+def test_the_edge_of_a_release_is_the_one_that_is_stated(edited, edge, placement, is_whole):
+    stated = "" if edge is None else f"    edge: {edge}\n"
+    (release,) = read_site(edited("    thickness: 4.0\n", f"    thickness: 4.0\n    placement: {placement}\n{stated}")).releases()
+    assert release.volume == pytest.approx(4.0 * 1600.0)
+    assert bool(np.ptp(release.thickness[12:16, 4:8]) < 1e-9) is is_whole
+
+
+def test_a_raster_of_lost_elevation_is_a_release_of_its_sign(edited, site_folder):
+    lines = (site_folder / "inputs" / "dem.asc").read_text().splitlines()[:6]
+    rows = [" ".join("-3" if 12 <= r < 16 and 4 <= c < 8 else "0" for c in range(30)) for r in range(20)]
+    (site_folder / "inputs" / "lost.asc").write_text("\n".join([*lines, *rows]) + "\n")
+    old = "    polygons: inputs/release.geojson\n    thickness: 4.0\n"
+    (release,) = read_site(edited(old, "    raster: inputs/lost.asc\n    sign: negative\n    volume: 4800\n")).releases()
+    assert release.thickness[12:16, 4:8].tolist() == [[3.0] * 4] * 4
+    assert (release.name, release.volume) == ("scar", 4800.0)

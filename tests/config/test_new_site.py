@@ -344,6 +344,8 @@ def test_several_thickness_attributes_are_named_and_one_is_asked_for(tmp_path, i
     assert load(new_site(tmp_path / "two", inputs / "dem.asc", path, "6.5")).release[0].thickness == 6.5
     with pytest.raises(InputError, match="no attribute 'tihckness' for the thickness; attributes: 'depth', 'height'"):
         new_site(tmp_path / "three", inputs / "dem.asc", path, "tihckness")
+    with pytest.raises(InputError, match="thickness is 0 m; it must be at least 1e-05"):
+        new_site(tmp_path / "none", inputs / "dem.asc", path, "0")
     assert (
         load(new_site(tmp_path / "four", inputs / "dem.asc", outline(depth=[3.0], thickness=[4.0]))).release[0].thickness
         == "thickness"

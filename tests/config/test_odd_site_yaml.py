@@ -5,6 +5,7 @@ import os
 import pytest
 from refused_site import problems
 
+from runout.config.document import SHOWN, dotted, shortened
 from runout.config.read import load, site_file
 from runout.config.site import read_site
 from runout.errors import ConfigError, InputError
@@ -108,3 +109,24 @@ def test_inputs_outside_the_folder_are_allowed_and_named(edited, tmp_path):
     found = inspect(edited("inputs/dem.asc", "../dem.asc"))
     assert found.problems == []
     assert f"../dem.asc: lies outside the folder of the site, at {tmp_path / 'dem.asc'}" in found.notes
+
+
+def test_text_that_no_terminal_shows_is_written_out_and_long_text_is_cut_in_its_middle():
+    assert shortened("a\nb\x1b\u200b") == "a\nb\\x1b\\u200b"
+    whole, longer = "a" * SHOWN, "b" * SHOWN + "c" * SHOWN
+    assert shortened(whole) == whole
+    assert shortened(longer) == "b" * (SHOWN // 2) + " ... " + "c" * (SHOWN // 4)
+    assert shortened(whole + "d") != whole + "d"
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ((), ""),
+        (("release",), "release"),
+        (("release", 0, "thickness"), "release[0].thickness"),
+        (("a", "b", 2, 1), "a.b[2][1]"),
+    ],
+)
+def test_a_place_is_written_with_points_and_brackets(place, text):
+    assert dotted(place) == text

@@ -28,6 +28,11 @@ def test_unknown_key_of_observations_is_not_sent_to_structures(edited, stated, s
     assert any(line.endswith(f"observations.{said}") for line in problems(folder))
 
 
+def test_unknown_key_of_the_terrain_is_sent_to_the_blocks_in_it(edited):
+    (said,) = problems(edited("terrain:\n", "terrain:\n  polygons: inputs/release.geojson\n"))
+    assert said.endswith("polygons: unknown key; it belongs under 'terrain.obstacles' or 'terrain.friction_zones'")
+
+
 @pytest.mark.parametrize("stated", ["xi", "basal_friction_xi"])
 def test_sampled_parameter_without_its_prefix_is_named_with_it(edited, stated):
     edited("basal_friction_angle_deg: 20", "basal_friction: {law: voellmy, mu: 0.2, xi: 1000}")

@@ -10,6 +10,7 @@ from structure_bodies import SOUTH, WEST, box
 from runout.errors import DemError, StructureError
 from runout.structures import mesh_faults
 from runout.structures.mesh_faults import Search, crossings, volume
+from runout.structures.mesh_place import on_terrain, rounding_of
 from runout.structures.read import read_bodies
 from runout.structures.solid import Solid
 from runout.structures.source import StructureSource
@@ -184,6 +185,8 @@ def test_sound_bodies_cross_nowhere(level, tmp_path, shape):
 
 PLACES = {
     "units: mm": (VERTICES * 1000.0, "its coordinates fit with units: mm"),
+    "units: cm": (VERTICES * 100.0, "its coordinates fit with units: cm"),
+    "units: ft": (VERTICES / 0.3048, "its coordinates fit with units: ft"),
     "kilometres": (VERTICES / 1000.0, "its coordinates fit in kilometres: export it in metres"),
     "swapped": (VERTICES[:, [1, 0, 2]], "easting and northing are swapped: export it with x to the east"),
     "y up": (np.column_stack([VERTICES[:, 0], VERTICES[:, 2], -VERTICES[:, 1]]), "y is up in it: export it with z up"),
@@ -330,6 +333,16 @@ def test_many_open_bodies_of_a_file_are_one_line(level, tmp_path):
     assert said.endswith(" (and 3 more of its bodies have faults)")
 
 
+@pytest.mark.parametrize(("count", "more"), [(1, ""), (2, " (and 1 more of its bodies have faults)")])
+def test_one_body_with_a_fault_is_told_alone_and_a_second_one_is_counted(level, tmp_path, count, more):
+    boxes = [box((100 + WEST, 40 + SOUTH + 30 * k, 103), (12, 8, 10)) for k in range(3)]
+    faces = [np.asarray(one.faces)[int(k < count) :] + 8 * k for k, one in enumerate(boxes)]
+    said = refused(write(tmp_path / "odd.obj", np.concatenate([one.vertices for one in boxes]), np.concatenate(faces)), level)
+    assert said.startswith("body 'structure'")
+    assert ("more of its bodies" in said) is (count > 1)
+    assert said.endswith(more)
+
+
 def crowded(count):
     """A closed body of needles that all cross the same place in plan, so that each edge has all faces in its box."""
     angle = np.linspace(0.0, np.pi, count, endpoint=False)
@@ -361,3 +374,84 @@ def test_a_body_of_more_faces_than_are_searched_says_so(level, tmp_path, monkeyp
     monkeypatch.setattr(mesh_faults, "MOST_FACES", 11)
     read = read_bodies([StructureSource(write(tmp_path / "house.obj", VERTICES, FACES), units="m")], level)
     assert [change for change in read.changes if "crossing faces were searched at 0 of its 18 edges" in change]
+
+
+@pytest.mark.parametrize("units", ["m", "cm", "mm", "ft"])
+def test_single_precision_rounds_coordinates_in_the_units_of_a_file(level, units):
+    """2^-24 of 5e6 are 0.298; OBJ has text, whole numbers and more digits than single precision may be exact."""
+    metres = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}[units]
+    single = np.array([(5e6, 1.0, 0.5), (-2e6, 3.0, 4.0)])
+    for name, vertices, expected in (
+        ("a.stl", single, 5e6 * 2.0**-24 * metres),
+        ("a.ply", single, 5e6 * 2.0**-24 * metres),
+        ("a.PLY", np.round(single), 0.0),
+        ("a.stl", np.round(single), 5e6 * 2.0**-24 * metres),
+        ("a.glb", single + 1e-3, 0.0),
+        ("a.obj", single, 0.0),
+    ):
+        assert rounding_of(StructureSource(name, units=units), vertices) == pytest.approx(expected), name
+    assert rounding_of(StructureSource("a.stl"), -single) == pytest.approx(5e6 * 2.0**-24)
+
+
+def test_a_mesh_lies_where_units_and_offset_place_it_and_a_word_says_whose_system_it_has(level):
+    vertices = np.array([(1000.0, 2000.0, 101.0), (3000.0, 4000.0, 105.0)])
+    source = StructureSource("a.obj", units="cm", offset=(WEST + 50.0, SOUTH + 60.0, 7.0))
+    placed, said = on_terrain(vertices, source, level)
+    np.testing.assert_allclose(placed, [(60.0, 80.0, 8.01), (80.0, 100.0, 8.05)])
+    assert said == ["a.obj: states no crs; its coordinates are taken as the terrain's"]
+    stated = StructureSource("a.obj", units="cm", crs="EPSG:32632", offset=(WEST + 50.0, SOUTH + 60.0, 7.0))
+    again, said = on_terrain(vertices, stated, level)
+    np.testing.assert_allclose(again, placed)
+    assert said == []
+
+
+ON = [(0, 0), (199, 0), (-12, 0), (0, -12), (0, 199)]
+BESIDE = [(201, 0), (0, 201), (-14, 0), (0, -14)]
+
+
+@pytest.mark.parametrize(("east", "north"), ON + BESIDE)
+def test_a_mesh_is_on_the_terrain_if_its_box_meets_it(level, east, north):
+    vertices = np.array([(WEST + east, SOUTH + north, 101.0), (WEST + east + 13, SOUTH + north + 13, 105.0)])
+    source = StructureSource("a.obj", units="m")
+    if (east, north) in ON:
+        assert len(on_terrain(vertices, source, level)[0]) == 2
+    else:
+        with pytest.raises(
+            StructureError, match=f"lies beyond the terrain array, at easting {WEST + east:.0f} to {WEST + east + 13:.0f}"
+        ):
+            on_terrain(vertices, source, level)
+
+
+def test_a_large_hole_is_named_by_its_first_edge_and_small_ones_by_their_middle(level):
+    for count, place in ((64, "easting 500100.00, northing 5000080.00, elevation 113.00 (64 edges)"), (65, "(65 edges)")):
+        tower = trimesh.creation.cylinder(radius=5.0, height=20.0, sections=count)
+        tower.apply_translation((100.0, 80.0, 103.0))
+        faces = np.asarray(tower.faces)
+        faces = faces[np.asarray(tower.vertices)[faces][:, :, 2].min(1) < 113.0]
+        solid = Solid("a", np.asarray(tower.vertices), faces, np.zeros(len(faces), int), ("surface",), 0.4, "a")
+        (said,) = mesh_faults.mesh_faults(solid, level, 0.0, Search())
+        assert said.startswith("a: the mesh is open at easting ")
+        assert place in said
+        x, y, z = (float(part.split()[1]) for part in said.split(" at ")[1].split(" (")[0].split(", "))
+        middle = np.hypot(x - 500100.0, y - 5000080.0)
+        assert middle == pytest.approx(0.0 if count == 64 else 5.0 * np.cos(np.pi / count), abs=0.01)
+        assert z == 113.0
+
+
+def test_a_small_body_turned_inside_out_is_turned_outwards(level, tmp_path):
+    crate = box((CENTRE[0], CENTRE[1], 100.2), (0.6, 0.5, 0.4))  # 0.12 m3
+    crate.invert()
+    read = read_bodies([StructureSource(write(tmp_path / "crate.obj", crate.vertices, crate.faces), units="m")], level)
+    (solid,) = read.solids
+    assert volume(solid.vertices, solid.faces) == pytest.approx(0.12)
+    assert [change for change in read.changes if change.endswith("its faces are turned outwards")]
+    assert set(solid.facades) == {"east", "west", "north", "south", "top", "underside"}
+
+
+def test_edges_cross_a_face_only_beyond_the_rounding_of_their_coordinates(level):
+    """Edges of a box reach 0.2 m through the top of another one."""
+    both = trimesh.util.concatenate([box((100, 80, 102), (8, 8, 4)), box((100.5, 80.3, 105.8), (2, 2, 4))])
+    faces = np.asarray(both.faces)
+    solid = Solid("a", np.asarray(both.vertices), faces, np.zeros(len(faces), int), ("surface",), 0.4, "a")
+    assert len(crossings(solid)) > len(crossings(solid, 0.19)) > 0  # some run close to the diagonal of the top
+    assert len(crossings(solid, 0.21)) == 0

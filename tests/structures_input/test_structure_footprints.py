@@ -14,6 +14,7 @@ from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import walls_of
+from runout.structures.footprints import read_footprints
 from runout.structures.inspection import low_structures
 from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies, require_sound
@@ -230,3 +231,58 @@ def test_empty_names_and_frictions_are_those_of_the_source_and_several_parts_are
     assert first.friction == pytest.approx(math.tan(math.radians(30)))
     assert {"south 1", "south 2"} <= set(first.facades)
     assert volume(first.vertices, first.faces) == pytest.approx((240 + 400) * 18)
+
+
+@pytest.mark.parametrize(
+    ("stated", "bottom", "top"),
+    [
+        ({"height": 8.0}, 90.0, 108.0),  # two cells below the lowest ground
+        ({"height": 40.0}, 80.0, 140.0),  # half of its height
+        ({"height": 8.0, "base": 97.0}, 87.0, 105.0),
+        ({"height": 8.0, "base": 100.0}, 90.0, 108.0),
+        ({"height": 8.0, "base": 101.0}, 101.0, 109.0),  # above the ground: as it stands
+        ({"height": 8.0, "base": 101.0, "clearance": 3.0}, 104.0, 109.0),
+        ({"height": 8.0, "clearance": 3.0}, 103.0, 108.0),
+        ({"height": 8.0, "clearance": 0.0}, 90.0, 108.0),
+        ({"height": 8.0, "base": 97.0, "top": "along_ground"}, 87.0, 105.0),
+    ],
+)
+def test_a_body_reaches_from_its_foot_to_its_height(level, tmp_path, stated, bottom, top):
+    path = write_footprints(tmp_path / "h.gpkg", [HOUSE], use=["barn"])
+    (solid,) = read_footprints(StructureSource(path, **stated), level).solids
+    np.testing.assert_allclose(solid.box[:, 2], [bottom, top])
+    assert solid.clearance == (stated.get("clearance") or None)
+
+
+def test_a_number_states_what_no_attribute_does_and_an_empty_attribute_counts_from_the_ground(level, tmp_path):
+    values = {"tall": [6.0, 7.0], "base": [np.nan, 100.5], "clearance": [2.0, np.nan], "name": ["  ", "hall"]}
+    path = write_footprints(tmp_path / "n.gpkg", [HOUSE, shapely.box(20, 20, 40, 40)], **values)
+    read = read_footprints(StructureSource(path, height="tall", name="shed", friction_angle_deg=45.0), level)
+    assert read.problems == ()
+    np.testing.assert_allclose([solid.box[:, 2] for solid in read.solids], [(102.0, 106.0), (100.5, 107.5)])
+    assert [solid.name for solid in read.solids] == ["shed", "hall"]
+    assert [solid.clearance for solid in read.solids] == [2.0, None]
+    assert [solid.friction for solid in read.solids] == pytest.approx([1.0, 1.0])
+    assert [solid.place for solid in read.solids] == [f"{path}: feature 1", f"{path}: feature 2"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (
+            {"height": 4.0, "clearance": 4.0},
+            "clearance is 4 m and height 4 m, both above the ground; a structure needs a clearance",
+        ),
+        ({"height": 4.0, "clearance": 5.5}, "clearance is 5.5 m and height 4 m"),
+        ({"height": 4.0, "base": "sole"}, "no attribute 'sole'"),
+        ({"height": 4.0, "clearance": "gap"}, "no attribute 'gap'"),
+    ],
+)
+def test_a_structure_below_its_own_underside_or_of_attributes_that_are_not_there_is_refused(level, tmp_path, stated, said):
+    read = read_footprints(StructureSource(write_footprints(tmp_path / "h.gpkg", [HOUSE], use=["barn"]), **stated), level)
+    assert read.solids == ()
+    assert len(read.problems) == 1
+    assert said in read.problems[0]
+    assert read_footprints(
+        StructureSource(write_footprints(tmp_path / "i.gpkg", [HOUSE], use=["barn"]), height=4.0, clearance=3.9), level
+    ).solids

@@ -257,6 +257,16 @@ def test_of_several_variables_in_layers_the_elevation_is_named_with_the_command_
         read()
 
 
+def test_a_variable_of_four_dimensions_is_named_with_the_command_that_cuts_both(file, read):
+    file.createDimension("time", 2)
+    file.createDimension("member", 3)
+    add(file, "elevation", np.tile(Z, (2, 3, 1, 1)), ("time", "member", "y", "x"), units="m")
+    add(file, "temperature", np.tile(OTHER, (2, 3, 1, 1)), ("time", "member", "y", "x"), units="K")
+    said = r"time \(2\), member \(3\), y \(10\), x \(12\); keep one layer, for example `ncks -d time,0 -d member,0 .*dem.nc "
+    with pytest.raises(DemError, match=said):
+        read()
+
+
 def test_a_time_of_one_is_left_out_with_a_word_and_more_are_refused(file, read, tmp_path):
     file.createDimension("time", None)
     add(file, "time", [30.0], ("time",), units="days since 2020-01-01", axis="T")

@@ -61,6 +61,12 @@ def test_rotated_raster_is_refused_with_the_command_that_mends_it(geotiff, slope
         Terrain.from_raster(geotiff(slope, (10.0, 1.0, 600000.0, 1.0, -10.0, 5200000.0)))
 
 
+@pytest.mark.parametrize(("east", "south"), [(0.1, 0.0), (0.0, -0.1)])
+def test_raster_that_is_sheared_along_one_axis_is_refused(geotiff, slope, east, south):
+    with pytest.raises(DemError, match=r"rotated or sheared"):
+        Terrain.from_raster(geotiff(slope, (10.0, east, 600000.0, south, -10.0, 5200000.0)))
+
+
 def test_raster_without_georeference_is_refused(geotiff, slope):
     with pytest.raises(DemError, match=r"no georeference.*-a_ullr"):
         Terrain.from_raster(geotiff(slope, None, None))
