@@ -95,9 +95,9 @@ def page(record: Mapping[str, Any]) -> StudyPage:
 
 
 def _beds(record: Mapping[str, Any]) -> str:
-    """Section on the runs with a bed and on landlab's; empty for a record without them, as that of the coarse size is."""
+    """Section on the runs with a bed and on landlab's; empty for a record of the coarse size, which has not all of them."""
     results = record["results"]
-    if not record["full"] or "beds" not in results:
+    if not record["full"]:
         return ""
     runs, observed = results["beds"], results["observed"]
     finest = min(run["cell_size"] for run in runs if "cell_size" in run)
