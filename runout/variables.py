@@ -166,12 +166,17 @@ _HAZARD_MAPS = {
     ),
 }
 
+_SURVEYED = "of the surveyed cells; negative where the ground was lowered; changes below the detection limit count as 0"
 _OBSERVED = {
     "observed_deposit_thickness": _positive("m", "observed thickness of the deposit, vertical", "missing where unknown"),
     "observed_elevation_change": Variable("m", "observed change of elevation", comment="missing where unknown"),
     "mean_elevation_change": Variable(
         "m", "weighted mean over the members of the change of elevation", comment="deposit minus released mass and eroded depth"
     ),
+    "reach_start": _series("m", "upper end of the reach, along the thalweg"),
+    "reach_end": _series("m", "lower end of the reach, along the thalweg"),
+    "reach_volume": _series("m3", "net change of volume of the ground in the reach", _SURVEYED),
+    "observed_reach_volume": _series("m3", "observed net change of volume of the ground in the reach", _SURVEYED),
 }
 
 _OF_A_BED = {

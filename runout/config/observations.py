@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from runout.config.distributions import Settings, quantity, refuse
+from runout.config.distributions import Settings, quantity, refuse, shape
 from runout.config.fetch import locate
 from runout.config.remote import InputFile
 from runout.config.stated_at import Reading, read_each, stated_at
@@ -16,7 +17,10 @@ from runout.config.stated_at import Reading, read_each, stated_at
 if TYPE_CHECKING:
     from runout.config.schema import SiteSettings
     from runout.model.terrain import Terrain
+    from runout.scores.grid import Grid
     from runout.scores.observations import Observations
+    from runout.scores.reaches import Reaches
+    from runout.scores.thalweg import Thalweg
 
 NODATA = "unknown: cells without a value are not scored; zero: nothing happened there, nor beyond the raster"
 
@@ -39,11 +43,34 @@ class DepositSettings(Settings):
     nodata: Literal["unknown", "zero"] = quantity(NODATA, "unknown")
 
 
+def _ascending(ends: list[float]) -> list[float]:
+    wrong = next((pair for pair in pairwise(ends) if pair[0] >= pair[1]), None)
+    if wrong:
+        raise refuse(f"{wrong[1]:g} m follows {wrong[0]:g} m", "state the lengths along the thalweg in ascending order")
+    return ends
+
+
+MOST_REACHES = 1000
+End = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+ReachEnds = Annotated[
+    Annotated[int, Field(ge=1, le=MOST_REACHES), Tag("<number>")]
+    | Annotated[list[End], Field(min_length=2, max_length=MOST_REACHES + 1), AfterValidator(_ascending), Tag("<list>")],
+    Discriminator(shape),
+]
+
+
 class DifferenceSettings(Settings):
     """DEM of difference: elevation after the event minus elevation before it."""
 
     raster: InputFile = quantity("raster in m, same forms as terrain.dem; negative: ground was lost", examples=["inputs/dod.tif"])
     detection_limit: float = quantity("smaller changes count as 0", 0.0, unit="m", ge=0, le=100)
+    reaches: ReachEnds | None = quantity(
+        "reaches of observations.thalweg whose volumes are scored: how many of equal length, or the lengths along the line between "
+        "which they lie, from its upper end",
+        None,
+        unit="m",
+        examples=[[0.0, 250.0, 400.0, 800.0]],
+    )
     nodata: Literal["unknown", "zero"] = quantity(NODATA, "unknown")
 
 
@@ -89,8 +116,15 @@ class ObservationSettings(Settings):
         "points with arrival time, thickness or speed", None, examples=[{"points": "inputs/gauges.gpkg", "arrival_time": "time_s"}]
     )
     thalweg: ThalwegSettings | None = quantity(
-        "line along which fronts are measured", None, examples=[{"line": "inputs/thalweg.gpkg"}]
+        "line along which fronts and reaches are measured", None, examples=[{"line": "inputs/thalweg.gpkg"}]
     )
+
+    @model_validator(mode="after")
+    def _with_a_line(self) -> "ObservationSettings":
+        if self.difference is not None and self.difference.reaches is not None and self.thalweg is None:
+            fix = "add thalweg: {line: FILE} to observations, or remove reaches"
+            raise refuse("reaches need the line along which they lie", fix, "difference")
+        return self
 
 
 OBSERVATIONS = quantity(
@@ -113,7 +147,21 @@ def read_observations(settings: "SiteSettings", file: Path, terrain: "Terrain") 
     reading = read_each(partial(_read, name, one, file, terrain) for name, one in named if one is not None)
     parts = {key: value for part, _ in reading.content for key, value in part.items()}
     changes = tuple(change for _, changes in reading.content for change in changes)
-    return Reading(Observations(Grid.of(terrain), **parts, changes=changes) if parts else None, reading.problems)
+    grid, problems = Grid.of(terrain), reading.problems
+    if "change" in parts and "thalweg" in parts:
+        of_reaches = read_each([partial(_reaches, settings.observations, file, parts["thalweg"], grid)])
+        parts["reaches"], problems = next(iter(of_reaches.content), None), (*problems, *of_reaches.problems)
+    return Reading(Observations(grid, **parts, changes=changes) if parts else None, problems)
+
+
+def _reaches(settings: ObservationSettings, file: Path, thalweg: "Thalweg", grid: "Grid") -> "Reaches | None":
+    from runout.scores.reaches import Reaches
+
+    stated = settings.difference.reaches if settings.difference else None
+    if stated is None or settings.thalweg is None:
+        return None
+    with stated_at(file, "observations", "difference", "reaches"):
+        return Reaches.of(thalweg, stated, grid)
 
 
 def _read(name: str, settings: Any, file: Path, terrain: "Terrain") -> Parts:

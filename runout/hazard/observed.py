@@ -11,6 +11,7 @@ from runout.errors import StorageError
 from runout.forecast.numerical_error import read_convergence
 from runout.hazard.members import Ensemble
 from runout.hazard.order import weighted_percentiles
+from runout.io import netcdf
 from runout.io.member_maps import MemberMaps
 from runout.model.release import Release
 from runout.model.terrain import Terrain
@@ -23,8 +24,11 @@ from runout.scores.error_bars import ErrorBars
 from runout.scores.flow import OF_MEMBER, Flow
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_or_never
+from runout.scores.reaches import ReachErrors
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from runout.config.site import Site
 
 OUTLINE_PROBABILITY = 0.5
@@ -41,10 +45,25 @@ class Observed:
         Entry ``observations`` of ``run.json``.
     maps : dict of str to ndarray (rows, columns)
         Maps for ``hazard.nc`` by their names in the table of variables.
+    reaches : dict of int to ReachErrors
+        Volumes by reach of each valid member; empty for a site without reaches.
     """
 
     record: dict[str, Any]
     maps: dict[str, np.ndarray]
+    reaches: dict[int, ReachErrors] = field(default_factory=dict)
+
+    def add_to(self, dataset: "xr.Dataset") -> None:
+        """Put maps and volumes by reach into the content of ``hazard.nc``."""
+        for name, values in self.maps.items():
+            netcdf.add_map(dataset, name, values)
+        if self.reaches:
+            first = next(iter(self.reaches.values()))
+            dataset.coords["realization"] = np.array(list(self.reaches), np.int32)
+            ends = np.array(first.ends)
+            dataset.coords["reach_start"], dataset.coords["reach_end"] = ("reach", ends[:-1]), ("reach", ends[1:])
+            dataset["observed_reach_volume"] = ("reach", first.observed)
+            dataset["reach_volume"] = (("realization", "reach"), np.stack([one.modelled for one in self.reaches.values()]))
 
 
 @dataclass
@@ -84,7 +103,7 @@ def scored(
         If a member's file cannot be read.
     """
     setting = _setting(observed, site, terrain, releases, results)
-    means, members = _Means(), {}
+    means, members, reaches = _Means(), {}, {}
     for (member, path), weight in zip(ensemble.files.items(), ensemble.weights, strict=True):
         flow, change = _flow(path, observed)
         if change is None:
@@ -93,9 +112,11 @@ def scored(
         means.add(flow, change, float(weight), observed, setting.thresholds)
         assessment = against_observations(flow, observed, setting, change)
         members[str(member)] = [score.stored() for score in assessment.scores]
+        if assessment.reaches is not None:
+            reaches[int(member)] = assessment.reaches
     whole = Flow(observed.grid, {"deposit": means.maps["deposit"]}, means.probabilities, OUTLINE_PROBABILITY)
     total = against_observations(whole, observed, setting, means.maps["change"], means.medians(ensemble.weights))
-    return Observed(_record(observed, total, members, setting), dict(_maps(observed, means, terrain)))
+    return Observed(_record(observed, total, members, setting), dict(_maps(observed, means, terrain)), reaches)
 
 
 def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: Sequence[Release], results: Path) -> Setting:

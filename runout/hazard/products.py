@@ -191,11 +191,10 @@ def _score(
     results: Path,
     hazard: "xr.Dataset",
 ) -> dict[str, Any]:
-    """Scores for ``run.json``, after adding the maps of observations to the dataset."""
-    observed_maps = scored(observed, site, ensemble, terrain, releases, results)
-    for name, values in observed_maps.maps.items():
-        netcdf.add_map(hazard, name, values)
-    return observed_maps.record
+    """Scores for ``run.json``, after adding the maps of observations and the volumes by reach to the dataset."""
+    found = scored(observed, site, ensemble, terrain, releases, results)
+    found.add_to(hazard)
+    return found.record
 
 
 def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from runout.report.elsewhere import Helpers
 from runout.report.maps import Basemap
 from runout.report.members import representative
 from runout.report.picture import MapPictures, encoded, png
-from runout.report.scores import counts_in_words, range_table, score_tables
+from runout.report.scores import counts_in_words, range_table, reach_tables, score_tables
 from runout.report.structures import LoadError, structure_section
 from runout.report.study import Study, read_study
 from runout.report.values import STYLES, Window
@@ -129,6 +129,7 @@ def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, A
     return {
         "statement": stated["statement"][:1].upper() + stated["statement"][1:],
         "scores": score_tables(whole["scores"]),
+        "reaches": reach_tables(whole.get("reaches"), study.hazard.get("reach_volume")),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
         "members": range_table(whole["scores"], members, _parameters(study, members)) if len(members) > 1 else [],
         "sheets": printed,

@@ -106,6 +106,28 @@ def range_table(
     return [table] if table.rows and kinds else []
 
 
+def reach_tables(reaches: Mapping[str, Sequence[float]] | None, members: Any) -> list[ScoreTable]:
+    """Table of the volumes by reach, empty for a site without reaches.
+
+    Parameters
+    ----------
+    reaches : mapping or None
+        Volumes as :meth:`runout.scores.ReachErrors.stored` makes them.
+    members : xarray.DataArray (members, reaches) or None
+        Volumes of the members [m3].
+    """
+    if reaches is None or members is None:
+        return []
+    units, meaning = unit("m3"), "net change of volume of the ground, negative where it was lowered"
+    columns = [(title, units, meaning) for title in ("Observed", "Mean of the members", "Smallest member", "Largest member")]
+    table, ends = ScoreTable("Reach", columns), reaches["ends_m"]
+    rows = zip(ends[:-1], ends[1:], reaches["observed_m3"], reaches["modelled_m3"], members.values.T, strict=True)
+    for start, end, observed, modelled, every in rows:
+        volumes = (observed, modelled, every.min(), every.max())
+        table.rows.append((f"{number(start)} to {number(end)}{THIN}m", [number(volume) for volume in volumes]))
+    return [table]
+
+
 def parameter_column(name: str) -> tuple[str, str, str]:
     """Title, unit and meaning of a sampled parameter."""
     variable = parameter_variable(name)

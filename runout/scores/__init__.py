@@ -13,6 +13,7 @@ from runout.scores.field_errors import FieldErrors, field_errors
 from runout.scores.grid import Grid, resampled
 from runout.scores.outline import outline_shares
 from runout.scores.points import PointErrors, arrival_errors, arrival_or_never, point_errors, values_at
+from runout.scores.reaches import ReachErrors, Reaches, reach_errors
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope, vertical_thickness
 from runout.scores.thalweg import Thalweg, ThalwegErrors, thalweg_errors
 
@@ -27,6 +28,8 @@ __all__ = [
     "FieldErrors",
     "Grid",
     "PointErrors",
+    "ReachErrors",
+    "Reaches",
     "ReleasePoint",
     "Score",
     "Start",
@@ -42,6 +45,7 @@ __all__ = [
     "field_errors",
     "outline_shares",
     "point_errors",
+    "reach_errors",
     "reached",
     "release_point",
     "resampled",

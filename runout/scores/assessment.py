@@ -8,13 +8,14 @@ import numpy as np
 
 from runout.scores.contingency import Contingency, contingency
 from runout.scores.definitions import Pair, Score
-from runout.scores.elevation_change import change_errors
+from runout.scores.elevation_change import change_errors, detected
 from runout.scores.energy_line import ReleasePoint
 from runout.scores.field_errors import field_errors
 from runout.scores.flow import BAR_MAPS, THICKNESSES, UNITS, Flow
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_errors, point_errors, values_at
+from runout.scores.reaches import ReachErrors, reach_errors
 from runout.scores.scoring import NO_BARS, ErrorBars, Ground, energy_line_score, field_scores, scores_of
 from runout.scores.thalweg import Thalweg, thalweg_errors
 
@@ -54,10 +55,11 @@ class Setting:
 
 @dataclass
 class Assessment:
-    """Scores, and the areas and numbers of cells or points behind each group of them."""
+    """Scores, the areas and numbers of cells or points behind each group of them, and volumes by reach."""
 
     scores: list[Score] = field(default_factory=list)
     counts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    reaches: ReachErrors | None = None
 
     def add(self, of: str, scores: Iterator[Score], **counts: Any) -> None:
         """Add a group of scores and what it rests on."""
@@ -67,7 +69,8 @@ class Assessment:
 
     def stored(self) -> dict[str, Any]:
         """Values for JSON."""
-        return {"scores": [score.stored() for score in self.scores], "counts": self.counts}
+        stored = {"scores": [score.stored() for score in self.scores], "counts": self.counts}
+        return stored if self.reaches is None else {**stored, "reaches": self.reaches.stored()}
 
 
 def against_observations(
@@ -99,19 +102,27 @@ def against_observations(
     if observed.deposit is not None:
         add_maps(assessment, flow, Flow(flow.grid, {"deposit": observed.deposit}), "deposit", setting)
     if observed.change is not None and change is not None:
-        errors = change_errors(change, observed.change, flow.grid.cell_area, observed.detection_limit)
-        parts = {"modelled": errors.change.modelled_sum, "observed": errors.change.observed_sum}
-        volumes = {f"{name}_net_m3": value for name, value in parts.items()}
-        for name, part in (("erosion", errors.erosion), ("deposition", errors.deposition)):
-            volumes |= {f"modelled_{name}_m3": part.modelled_sum, f"observed_{name}_m3": part.observed_sum}
-        of = "DEM of difference"
-        scores = scores_of("change", of, errors, "m", setting.bars.of_change(errors, observed.detection_limit))
-        assessment.add(of, scores, **volumes, unknown_cells=errors.change.unknown)
+        add_change(assessment, change, observed, setting.bars)
     if observed.gauges is not None:
         modelled = values_at_gauges(flow, observed.gauges) if at_gauges is None else at_gauges
         for name, values in modelled.items():
             add_points(assessment, name, values, observed.gauges.values[name], setting.bars)
     return assessment
+
+
+def add_change(assessment: Assessment, change: np.ndarray, observed: Observations, bars: ErrorBars = NO_BARS) -> None:
+    """Scores of a change of elevation (rows, columns) [m] against the DEM of difference, and its volumes by reach."""
+    assert observed.change is not None
+    limit, of = observed.detection_limit, "DEM of difference"
+    errors = change_errors(change, observed.change, observed.grid.cell_area, limit)
+    volumes = {"modelled_net_m3": errors.change.modelled_sum, "observed_net_m3": errors.change.observed_sum}
+    for name, part in (("erosion", errors.erosion), ("deposition", errors.deposition)):
+        volumes |= {f"modelled_{name}_m3": part.modelled_sum, f"observed_{name}_m3": part.observed_sum}
+    scores = scores_of("change", of, errors, "m", bars.of_change(errors, limit))
+    assessment.add(of, scores, **volumes, unknown_cells=errors.change.unknown)
+    if observed.reaches is not None:
+        assessment.reaches = reach_errors(detected(change, limit), detected(observed.change, limit), observed.reaches)
+        assessment.add(of, scores_of("reaches", of, assessment.reaches))
 
 
 def quantity_name(quantity: str) -> str:
@@ -198,4 +209,4 @@ def add_points(assessment: Assessment, name: str, modelled: np.ndarray, observed
 
 
 def _areas(table: Contingency) -> dict[str, float]:
-    return {f"{name}_m2": value for name, value in asdict(table).items() if name != "correct_rejections"}
+    return {f"{name}_m2": value for name, value in asdict(table).items() if name not in ("correct_rejections", "near")}

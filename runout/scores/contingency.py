@@ -19,6 +19,8 @@ class Contingency:
         Areas [m2] that both say are reached, the observation alone, the model alone, and neither.
     unknown : float
         Area [m2] that one of the two does not know. It is in no score.
+    near : float
+        Area [m2] of misses and false alarms whose cell, or one of the eight around it, the other reaches.
 
     Notes
     -----
@@ -32,6 +34,7 @@ class Contingency:
     false_alarms: float
     correct_rejections: float = 0.0
     unknown: float = 0.0
+    near: float = 0.0
 
     @property
     def modelled(self) -> float:
@@ -63,6 +66,11 @@ class Contingency:
         """Modelled over observed area, 0 to infinity, best 1 (Wilks 2011, eq. 8.10)."""
         return ratio(self.modelled, self.observed)
 
+    @property
+    def agreement_within_one_cell(self) -> float:
+        """(hits + near) / (hits + misses + false alarms), CSI to 1, best 1: CSI of areas whose position is known to one cell."""
+        return ratio(self.hits + self.near, self.hits + self.misses + self.false_alarms)
+
 
 def ratio(part: float, whole: float) -> float:
     """``part`` over ``whole``; NaN where ``whole`` is 0."""
@@ -93,12 +101,25 @@ def contingency(modelled: np.ndarray, observed: np.ndarray, cell_area: float = 1
     m, o = _shares(modelled, "modelled"), _shares(observed, "observed")
     require_same_shape(m, o)
     known = np.isfinite(m) & np.isfinite(o)
+    beside_m, beside_o = (_beside((area > 0) & known)[known] for area in (m, o))
     m, o = m[known], o[known]
     both = np.minimum(m, o)
     hits, misses, alarms = (float(part.sum()) for part in (both, o - both, m - both))
     neither = float((1.0 - np.maximum(m, o)).sum())
     unknown = int(known.size - known.sum())
-    return Contingency(*(cell_area * area for area in (hits, misses, alarms, neither, unknown)))
+    near = float((o - both)[beside_m].sum() + (m - both)[beside_o].sum())
+    return Contingency(*(cell_area * area for area in (hits, misses, alarms, neither, unknown, near)))
+
+
+def _beside(area: np.ndarray) -> np.ndarray:
+    """Cells of an area and the cells around it."""
+    for axis in range(area.ndim):
+        grown = area.copy()
+        own, to = (np.moveaxis(cells, axis, 0) for cells in (area, grown))
+        to[1:] |= own[:-1]
+        to[:-1] |= own[1:]
+        area = grown
+    return area
 
 
 def reached(values: np.ndarray, threshold: float) -> np.ndarray:

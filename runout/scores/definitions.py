@@ -40,7 +40,8 @@ class Definition:
     values : mapping of str to callable
         The number, from each kind of evidence that gives it: "area" (:class:`runout.scores.Contingency`), "field" and "volume"
         (:class:`runout.scores.FieldErrors`), "maps" (:class:`Pair`), "thalweg" (:class:`runout.scores.ThalwegErrors`), "arrival"
-        and "points" (:class:`runout.scores.PointErrors`), "change" (:class:`runout.scores.ChangeErrors`). NaN where undefined.
+        and "points" (:class:`runout.scores.PointErrors`), "change" (:class:`runout.scores.ChangeErrors`), "reaches"
+        (:class:`runout.scores.ReachErrors`). NaN where undefined.
     is_headline : bool
         Whether the table of the members of an ensemble has it.
     """

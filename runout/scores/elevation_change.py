@@ -18,8 +18,8 @@ class ChangeErrors:
         Of the change [m], negative where the ground is lowered; its sums are net volumes [m3].
     erosion, deposition : FieldErrors
         Of the lowering and of the rise alone, both positive [m]; their sums are volumes [m3].
-    erosion_area, deposition_area : Contingency
-        Of the areas that are lowered or raised by the detection limit or more.
+    erosion_area, deposition_area, changed_area : Contingency
+        Of the areas that are lowered, raised, or either of both by the detection limit or more.
     """
 
     change: FieldErrors
@@ -27,6 +27,7 @@ class ChangeErrors:
     deposition: FieldErrors
     erosion_area: Contingency
     deposition_area: Contingency
+    changed_area: Contingency
 
 
 def elevation_change(deposit: np.ndarray, release: np.ndarray) -> np.ndarray:
@@ -52,7 +53,7 @@ def change_errors(modelled: np.ndarray, observed: np.ndarray, cell_area: float =
     ObservationError
         If the shapes differ.
     """
-    m, o = (_detected(np.asarray(values, np.float64), detection_limit) for values in (modelled, observed))
+    m, o = (detected(values, detection_limit) for values in (modelled, observed))
     lowered, raised = ((np.maximum(sign * m, 0.0), np.maximum(sign * o, 0.0)) for sign in (-1.0, 1.0))
     return ChangeErrors(
         field_errors(m, o, cell_area),
@@ -60,10 +61,13 @@ def change_errors(modelled: np.ndarray, observed: np.ndarray, cell_area: float =
         field_errors(raised[0], raised[1], cell_area),
         contingency(_above_zero(lowered[0]), _above_zero(lowered[1]), cell_area),
         contingency(_above_zero(raised[0]), _above_zero(raised[1]), cell_area),
+        contingency(_above_zero(np.abs(m)), _above_zero(np.abs(o)), cell_area),
     )
 
 
-def _detected(change: np.ndarray, limit: float) -> np.ndarray:
+def detected(change: np.ndarray, limit: float) -> np.ndarray:
+    """A change of elevation [m] with 0 where it is smaller than the detection limit [m]."""
+    change = np.asarray(change, np.float64)
     return np.where(np.abs(change) < limit, 0.0, change)
 
 

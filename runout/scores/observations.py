@@ -9,6 +9,7 @@ from runout.errors import ObservationError
 from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid, resampled
 from runout.scores.outline import outline_shares
+from runout.scores.reaches import Reaches
 from runout.scores.thalweg import Thalweg
 
 
@@ -32,6 +33,8 @@ class Observations:
         Smallest change that the DEM of difference shows [m].
     gauges : Gauges or None
     thalweg : Thalweg or None
+    reaches : Reaches or None
+        Reaches of the thalweg in which the volumes of the DEM of difference are scored.
     changes : tuple of str
         What was changed on the way in, one sentence each.
     """
@@ -44,6 +47,7 @@ class Observations:
     detection_limit: float = 0.0
     gauges: Gauges | None = None
     thalweg: Thalweg | None = None
+    reaches: Reaches | None = None
     changes: tuple[str, ...] = field(default=())
 
     @property
@@ -65,7 +69,8 @@ class Observations:
             known = ", ".join(f"{np.isfinite(v).sum()} of {name.replace('_', ' ')}" for name, v in self.gauges.values.items())
             parts.append(f"{len(self.gauges.easting)} gauges ({known})")
         if self.thalweg is not None:
-            parts.append(f"thalweg of {self.thalweg.length:.4g} m")
+            reaches = f" in {len(self.reaches.ends) - 1} reaches" if self.reaches else ""
+            parts.append(f"thalweg of {self.thalweg.length:.4g} m{reaches}")
         return f"observations: {'; '.join(parts)}"
 
 

@@ -311,7 +311,7 @@ def test_scores_without_a_value_say_why_and_no_line_holds_nan(tmp_path):
     a, b = write(tmp_path / "deposit.tif", cells(4, 4, r0c0=2.0)), write(tmp_path / "deposit_observed.tif", np.zeros((4, 4)))
     found = scores.compare(a, b, scores.Choices(thresholds=(0.5,))).found
     told = list(lines(found))
-    assert told[0] == "deposit of 0.5 m: CSI 0, FAR 1; undefined: POD, area bias (no observed area)"
+    assert told[0] == "deposit of 0.5 m: CSI 0, FAR 1, agreement within a cell 0; undefined: POD, area bias (no observed area)"
     assert "; undefined: volume bias (no observed volume); relative L1 (all observed values are 0 or unknown)" in told[1]
     table = score_tables(found.stored()["scores"])[0]
     assert table.undefined == ["Undefined for deposit of 0.5 m: POD, area bias (no observed area)."]

@@ -10,6 +10,7 @@ from runout import scores
 from runout.scores import scoring
 from runout.scores.assessment import Assessment, Setting, add_areas
 from runout.scores.definitions import Pair
+from runout.scores.grid import Grid
 from runout.studies.convergence import compared
 
 BARS = scores.ErrorBars(
@@ -30,17 +31,17 @@ def test_scores_are_a_lazy_part_of_the_public_interface():
         assert getattr(scores, name) is not None
 
 
-SHARES = {"csi", "pod", "far", "brier", "erosion_csi", "deposition_csi"}
+SHARES = {"csi", "pod", "far", "brier", "erosion_csi", "deposition_csi", "change_csi", "agreement"}
 RATIOS = {"area_bias", "width_bias", "volume_bias", "erosion_volume_bias", "deposition_volume_bias"}
 DIFFERENCES = {"bias", "front_error", "lateral_shift", "energy_line_error_deg", "arrival_bias"}
-MAGNITUDES = {"rmse", "relative_l1", "lateral_error", "arrival_rmse", "missed_arrivals"}
+MAGNITUDES = {"rmse", "relative_l1", "lateral_error", "arrival_rmse", "missed_arrivals", "reach_error"}
 RANGES = dict.fromkeys(SHARES, "0 to 1") | dict.fromkeys(RATIOS | MAGNITUDES, "0 or more") | dict.fromkeys(DIFFERENCES, "any")
 
 
 def test_every_score_has_the_range_of_its_kind_and_says_what_it_is():
     assert {name: one.range for name, one in scores.DEFINITIONS.items()} == RANGES
     for name, one in scores.DEFINITIONS.items():
-        assert one.best == (1.0 if name in RATIOS or name.endswith(("csi", "pod")) else 0.0), name
+        assert one.best == (1.0 if name in RATIOS or name.endswith(("csi", "pod", "agreement")) else 0.0), name
         assert one.meaning
         assert one.undefined
         assert one.title
@@ -49,7 +50,7 @@ def test_every_score_has_the_range_of_its_kind_and_says_what_it_is():
 def test_a_table_of_members_has_one_score_of_each_kind_of_evidence():
     headlines = {name for name, one in scores.DEFINITIONS.items() if one.is_headline}
     of_changes = {"erosion_volume_bias", "deposition_volume_bias", "deposition_csi"}
-    assert headlines == {"csi", "volume_bias", "rmse", "front_error", "arrival_bias", *of_changes}
+    assert headlines == {"csi", "volume_bias", "rmse", "front_error", "arrival_bias", "reach_error", *of_changes}
 
 
 def evidence_of(modelled, observed):
@@ -65,7 +66,12 @@ def evidence_of(modelled, observed):
         "thalweg": scores.thalweg_errors(line, *axes, modelled > 0, observed > 0),
         "arrival": scores.arrival_errors(modelled.ravel(), observed.ravel()),
         "points": scores.point_errors(modelled.ravel(), observed.ravel()),
-        "change": scores.change_errors(modelled - 0.5, observed - 0.5, 100.0, 0.1),
+        "change": scores.change_errors(
+            *(values - 0.5 * (np.roll(values, 6, 1) > 0) for values in (modelled, observed)), 100.0, 0.1
+        ),
+        "reaches": scores.reach_errors(
+            modelled, observed, scores.Reaches.of(line, 3, Grid(0.0, 0.0, (10.0, 10.0), modelled.shape))
+        ),
     }
 
 
@@ -137,7 +143,7 @@ def test_the_error_of_the_front_of_the_flow_is_no_error_of_the_front_of_a_deposi
         assessment = Assessment()
         add_areas(assessment, quantity, grid, modelled, observed, quantity, 0.5, setting)
         known[quantity] = {s.name for s in assessment.scores if s.numerical_error is not None}
-        assert len(assessment.scores) == 9
+        assert len(assessment.scores) == 10
     assert {"front_error", "energy_line_error_deg", "csi"} <= known["thickness"]
     assert known["deposit"] == set()
 
@@ -191,7 +197,9 @@ def test_scores_of_a_change_move_by_no_more_than_their_bars():
     bars = scores.ErrorBars({"fields": fields})
     errors = (scores.change_errors(values, observed, 25.0, 0.5) for values in (one, other))
     before, after = (list(scoring.scores_of("change", "change", found, "m", bars.of_change(found, 0.5))) for found in errors)
-    for first, second in zip(before, after, strict=True):
+    barred = [pair for pair in zip(before, after, strict=True) if pair[0].name not in ("change_csi", "agreement")]
+    assert len(barred) == 6
+    for first, second in barred:
         assert abs(first.value - second.value) <= 1.2 * first.numerical_error, first.name
         assert first.numerical_error < 0.2
 

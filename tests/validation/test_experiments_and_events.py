@@ -41,6 +41,19 @@ def test_landslide_reaches_the_place_and_moves_the_volume_of_the_event(results):
     assert run["deposition_csi"] > 0.08
 
 
+def test_a_bed_adds_to_the_eroded_volume_and_reaches_hold_all_of_the_survey(results):
+    """14 deg, cells of 5 m, a bed of 1.2 m; without it the source alone is lowered, by 19 300 m3."""
+    found = results("cascades_2021")
+    (run,), observed = found["beds"], found["observed"]
+    assert run["bed"] == 1.2
+    assert 2000.0 < run["entrained_volume"] < 20_000.0
+    assert 20_000.0 < run["erosion_volume"] < 1.1 * observed["erosion_volume"]
+    assert run["csi"] > 0.4
+    assert run["agreement"] > 0.7
+    assert observed["reach_volumes"] == pytest.approx([-19952, -532, 4748, 6811, -1413, 6475], abs=1.0)
+    assert run["reach_error"] == pytest.approx(np.abs(np.subtract(run["reach_volumes"], observed["reach_volumes"])).sum())
+
+
 def test_reach_and_fall_of_a_deposit_that_moved_by_two_cells():
     terrain = runout.Terrain.from_array(np.tile(np.arange(5.0, 0.0, -1.0), (5, 1)), 10.0)
     release = np.zeros((5, 5))

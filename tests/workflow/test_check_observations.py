@@ -101,6 +101,29 @@ def test_a_dem_of_difference_of_a_scar_and_a_deposit_gets_none(tmp_path):
     assert warned(tmp_path / "ramp", CHANGE, dod=laid(4.0) - slab()) == []
 
 
+@pytest.mark.parametrize(
+    ("reaches", "line", "said"),
+    [
+        ("3", False, "observations.difference: reaches need the line along which they lie; add thalweg: {line: FILE}"),
+        ("0", True, "observations.difference.reaches: "),
+        ("[100]", True, "observations.difference.reaches: "),
+        ("[0, 300, 200]", True, "200 m follows 300 m; state the lengths along the thalweg in ascending order"),
+        ("[0, 300, 441]", True, "observations.difference.reaches: reaches: 441 m is not on the thalweg, which is 440 m long"),
+        ("[0, 300, 440]", True, None),
+        ("4", True, None),
+    ],
+)
+def test_reaches_that_are_not_on_a_thalweg_get_one_line_with_key_and_remedy(tmp_path, reaches, line, said):
+    text = CHANGE.replace("0.5}", f"0.5, reaches: {reaches}}}") + line * "  thalweg: {line: inputs/thalweg.gpkg}\n"
+    folder = write_site(tmp_path / "ramp", SITE + text)
+    write_raster(folder / "inputs" / "dod.tif", laid(4.0) - slab())
+    drawn = shapely.LineString([(WEST + 50, NORTH - 120), (WEST + 490, NORTH - 120)])
+    geopandas.GeoDataFrame(geometry=[drawn], crs="EPSG:32632").to_file(folder / "inputs" / "thalweg.gpkg")
+    problems = inspect(folder).problems
+    assert len(problems) == (said is not None), problems
+    assert all(said in problem and problem.startswith("site.yaml:19: ") for problem in problems)
+
+
 @pytest.mark.parametrize(("speeds", "said"), [([0.0, 0.0], "is 0 at all 2 points"), ([0.0, None], "is 0"), ([3.0, None], "")])
 def test_gauges_without_any_value_get_a_warning(tmp_path, speeds, said):
     folder = write_site(tmp_path / "ramp", SITE + GAUGES)

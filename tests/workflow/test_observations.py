@@ -25,7 +25,7 @@ OBSERVED = """\
 observations:
   outline: {polygons: inputs/outline.gpkg}
   deposit: {raster: inputs/deposit.tif, nodata: zero}
-  difference: {raster: inputs/dod.tif, detection_limit: 0.2}
+  difference: {raster: inputs/dod.tif, detection_limit: 0.2, reaches: [0, 100, 300, 440]}
   gauges: {points: inputs/gauges.gpkg, arrival_time: seconds, speed: v}
   thalweg: {line: inputs/thalweg.gpkg}
 """
@@ -112,6 +112,29 @@ def test_the_ensemble_is_scored_by_mean_deposit_and_medians(record):
     assert counts["unknown_cells"] == 24 * 5
     assert ensemble["counts"]["gauges, speed"] == {"points": 2, "unknown_points": 1}
     assert record["observations"]["energy_line_from"] == "top of the release"
+
+
+def test_volumes_by_reach_of_every_member_are_in_the_products_and_the_report(observed_site, record):
+    """Reaches of columns 5 to 14, 15 to 34 and 35 to 49 of 10 m; those west of the line belong to the first."""
+    import xarray as xr
+
+    columns = slice(0, 15), slice(15, 35), slice(35, 45)  # 45 to 49 are unknown
+    volumes = lambda change: [100.0 * np.where(np.abs(change) < 0.2, 0.0, change)[:, part].sum() for part in columns]  # noqa: E731
+    observed = volumes(np.where(slab() > 0, -8.0, np.where(deposit() > 0, 4.0, 0.0)))
+    with xr.open_dataset(observed_site[0] / "results" / "hazard.nc") as hazard:
+        assert hazard["reach_volume"].units == hazard["observed_reach_volume"].units == "m3"
+        assert hazard["reach_start"].values.tolist() == [0.0, 100.0, 300.0]
+        assert hazard["reach_end"].values.tolist() == [100.0, 300.0, 440.0]
+        np.testing.assert_allclose(hazard["observed_reach_volume"], observed)
+        for member, scores in record["observations"]["members"].items():
+            laid = read_maps(member_file(observed_site[0], int(member)))["deposit_thickness"].values.astype(float)
+            own = hazard["reach_volume"].sel(realization=int(member)).values
+            np.testing.assert_allclose(own, volumes(laid - slab()), rtol=1e-4, atol=5.0)
+            assert value(scores, "DEM of difference", "reach_error") == pytest.approx(np.abs(own - observed).sum())
+    assert record["observations"]["ensemble"]["reaches"]["observed_m3"] == pytest.approx(observed)
+    page = (observed_site[0] / "results" / "report.html").read_text()
+    assert "Volumes by reach" in page
+    assert "100 to 300\u202fm" in page
 
 
 def test_files_are_recorded_and_make_the_maps_stale_and_not_the_members(observed_site, record):

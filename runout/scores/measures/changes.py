@@ -22,4 +22,8 @@ SCORES = (
         "deposition_csi", "deposition CSI", "1", 0, 1, 1, "CSI of the area that is raised", "no rise in either", WILKS,
         values={"change": attrgetter("deposition_area.critical_success_index")}, is_headline=True,
     ),
+    Definition(
+        "change_csi", "change CSI", "1", 0, 1, 1, "CSI of the area that is lowered or raised", "no change in either", WILKS,
+        values={"change": attrgetter("changed_area.critical_success_index")},
+    ),
 )  # fmt: skip
