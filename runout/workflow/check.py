@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.member_arguments import grid_spacing
+from runout.config.pore_pressure import SAMPLED as PORES
+from runout.config.pore_pressure import sampled_pores
 from runout.errors import ConfigError, InputError, MaterialError, ReleaseError, RunoutError, StructureError
 from runout.workflow import check_observations, check_physics, check_stiffness
 
@@ -342,7 +344,7 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
         return
     members = member_table(site.settings.ensemble)
     angle_of_site = _resting_angle(release, site, {})
-    sampled = [name for name in members if name in sampled_ranges(site.friction.law)]
+    sampled = [name for name in members if name in sampled_ranges(site.friction.law) or name in PORES]
     worst_angle = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=angle_of_site)
     largest = float(np.max(members.get("release_volume_factor", 1.0)))
     for factor, angle in dict.fromkeys([(1.0, angle_of_site), (largest, worst_angle)]):
@@ -350,20 +352,22 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
         below, at_friction = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
         if max(below, at_friction) > MOST_TRAPPED:
             times = f" with volume factor {factor:.3g}" if factor != 1.0 else ""
+            wet = ", pore pressure included" if release.pore_pressure else ""
             thins = "edge: tapered" if release.outline is not None else "a raster that thins out to its rim"
             fix = thins if release.edge is Edge.VERTICAL else "a longer outline, or less volume,"
             yield (
                 f"release {release.name}{times}: {at_friction:.0%} of {scaled.volume:.4g} m3 lie below the lines that rise from "
-                f"the rim of the scar at the basal friction angle of {math.degrees(angle):.3g} deg, {below:.0%} below its lowest "
-                f"outlet; this mass is trapped unless the rest carries it along; {fix} avoids it"
+                f"the rim of the scar at the basal friction angle of {math.degrees(angle):.3g} deg{wet}, {below:.0%} below its "
+                f"lowest outlet; this mass is trapped unless the rest carries it along; {fix} avoids it"
             )
             return
 
 
 def _resting_angle(release: "Release", site: "Site", sample: "dict[Any, Any]") -> float:
-    """Basal friction angle [rad] at rest of a release in a member."""
-    (friction,) = site.friction.of_releases([release], sample)
-    return friction if isinstance(friction, float) else math.atan(friction.at_rest)
+    """Angle [rad] at which the ground holds a release in a member at rest, with the lowest pore pressure at the start."""
+    (friction,), (wet,) = site.friction.of_releases([release], sample), sampled_pores([release], sample)
+    at_rest = math.tan(friction) if isinstance(friction, float) else friction.at_rest
+    return math.atan((1.0 - wet.pore_pressure.lowest) * at_rest) if wet.pore_pressure else math.atan(at_rest)
 
 
 def _inspect_reach(findings: Findings, site: "Site", terrain: "Terrain") -> None:

@@ -1,5 +1,6 @@
 """`runout check`: every problem of configuration and inputs at once, what a run would do, and what it takes."""
 
+import re
 import tracemalloc
 
 import numpy as np
@@ -275,6 +276,10 @@ def test_mass_that_is_trapped_in_its_scar_is_named(tmp_path):
     )
     assert "a raster that thins out to its rim avoids it" in pit[0]
     assert not [w for w in inspect(write_site(tmp_path / "ramp")).warnings if "this mass is trapped" in w]
+    wet = excavated.replace("placement: excavated", "placement: excavated\n    pore_pressure: {ratio: 0.5, decay_time: 20}")
+    (less,) = [w for w in inspect(write_site(tmp_path / "wet", wet)).warnings if "this mass is trapped" in w]
+    assert "at the basal friction angle of 10.3 deg, pore pressure included," in less
+    assert int(re.search(r"slab: (\d+)%", less)[1]) < 23
 
 
 def test_overlapping_polygons_of_one_thickness_are_named(tmp_path):
