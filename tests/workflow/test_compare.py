@@ -88,7 +88,7 @@ def test_a_product_against_itself_is_perfect_and_its_reverse_has_the_other_sign(
     folder, _ = finished_site
     code, same, _ = compare(capsys, folder, folder / "results")
     assert code == ExitCode.OK
-    assert scores(same["flow of 1 m"]) == {"CSI": 1.0, "POD": 1.0, "FAR": 0.0, "area bias": 1.0}
+    assert scores(same["flow of 1 m"]) == {"CSI": 1.0, "POD": 1.0, "FAR": 0.0, "area bias": 1.0, "agreement within a cell": 1.0}
     assert "volume" not in same["deposit, whole map"]  # a percentile over the members has none
     _, there, _ = compare(capsys, *members)
     _, back, _ = compare(capsys, *members[::-1])
