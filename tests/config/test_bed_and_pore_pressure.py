@@ -17,7 +17,7 @@ from runout.model.erosion_laws import EROSIONS
 from runout.model.pore_pressure import RatioBlocks
 
 LAW = {"law": "ramms"}
-OF_EVERY_BED = {"bed_depth_factor", "bed_density"}
+OF_EVERY_BED = {"bed_density", "bed_depth_factor", "bed_pore_pressure_ratio"}
 SIMULATION = "basal_friction_angle_deg: 20\nsimulation:"
 PLACE = "    thickness: 4.0\n"
 CELLS = 0.1 * (1 + np.arange(20))[:, None] + 0.01 * np.arange(30)  # [m], another value in every cell
