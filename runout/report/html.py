@@ -84,6 +84,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "observed": _observed(study, printed[len(headline) + len(further) :]),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study, settings),
+        "bed": settings.get("bed"),
         "members": tables.members(study),
         "balance": tables.balance(study),
         "settings": tables.settings(settings),

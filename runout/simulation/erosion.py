@@ -35,7 +35,7 @@ from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.quantities import bed_map_names
 from runout.release import stagger
-from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, AreaSums, Columns, births, rounding_of
+from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, births, rounding_of
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
@@ -329,6 +329,7 @@ class ErodingBed:
         """
         given = self.eroded - self.owed  # all that the flow took up, to rounding
         eroded = AreaSums.of_nodes(given, self.first, self.scene.spacing).on_raster(self.scene.raster)
+        eroded = np.where(np.abs(eroded) < THINNEST, 0.0, eroded)  # differences of sums over the raster leave rounding everywhere
         return dict(zip(bed_map_names(), (eroded, deposit - self.released - eroded), strict=True))
 
     def state(self) -> State:

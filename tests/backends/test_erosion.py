@@ -246,6 +246,9 @@ def test_simulate_takes_a_bed_and_gives_its_maps_and_sums():
         np.testing.assert_array_equal(one.maps[name], two.maps[name], err_msg=name)
     entrained = float(one.ledger["entrained_mass"][-1])
     assert float(one.maps["eroded_depth"].sum()) * 25.0 * SOIL.density == pytest.approx(entrained, rel=1e-6)
+    eroded = one.maps["eroded_depth"].values
+    assert eroded.min() == 0.0
+    assert eroded[eroded > 0.0].min() > 1e-6, "no rounding beyond the flow"
     held = float(one.ledger["mass"][-1]) / SOIL.density
     assert float(one.maps["deposit_thickness"].sum()) * 25.0 == pytest.approx(0.8 * held, rel=1e-5)
     assert len(one.state) > one.n_particles

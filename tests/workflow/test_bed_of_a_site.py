@@ -120,7 +120,10 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     np.testing.assert_allclose(hazard["net_erosion_probability"], (change <= -0.1).mean(axis=0), atol=1e-6)
     for name in ("mean_eroded_depth", "mean_elevation_change", "net_deposition_probability"):
         assert (folder / "results" / "maps" / f"{name}.tif").is_file()
-    assert "Eroded depth" in (folder / "results" / "report.html").read_text()
+    page = (folder / "results" / "report.html").read_text()
+    assert "Eroded depth" in page
+    assert "The bed is eroded at the rate of an empirical law" in page
+    assert "takes up no bed" not in page
 
 
 def test_site_without_a_bed_has_no_maps_of_one(tmp_path):
@@ -128,3 +131,4 @@ def test_site_without_a_bed_has_no_maps_of_one(tmp_path):
     assert cli.main(["run", str(folder), "--workers", "1"]) == ExitCode.OK
     assert "eroded_depth" not in xr.open_dataset(folder / "results" / "members.nc")
     assert "mean_elevation_change" not in xr.open_dataset(folder / "results" / "hazard.nc")
+    assert "The mass takes up no bed material" in (folder / "results" / "report.html").read_text()
