@@ -4,7 +4,7 @@ Inputs are those of `sites/cascades_2021`; the observation and the site are from
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -44,6 +44,10 @@ class Event:
         west, south, east, north = self.terrain.extent
         line = Thalweg(np.array([(0.5 * (west + east), end) for end in (north, south)]))
         return Reaches(line, tuple(row * self.terrain.cell_size[1] for row in REACH_ROWS), Grid.of(self.terrain))
+
+    def wet_release(self, pressure: runout.PorePressure) -> runout.Release:
+        """The source with a pore pressure."""
+        return replace(self.release, pore_pressure=pressure)
 
     def simulated(self, angle: float, cell_size: float, end_time: float = END, bed: float = 0.0) -> runout.Result:
         """Run with a basal friction angle [deg] and a depth of erodible bed [m]."""

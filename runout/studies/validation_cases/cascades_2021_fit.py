@@ -1,0 +1,156 @@
+"""Cascades 2021 with a wet mass on an erodible bed: members chosen by half of the reaches and judged by the other half.
+
+A member is a draw of friction, pore pressures by blocks, drainage, bed and bulking, from ranges that no observation of this event
+has narrowed, and an arrangement of the blocks. landlab's MassWastingRunout is drawn and chosen likewise.
+"""
+
+import math
+import multiprocessing
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import runout
+from runout.scores import Grid, resampled
+from runout.studies.validation_cases.cascades_2021 import BED, DENSITY, END, Event, compared, read
+
+CELL_SIZE = 5.0  # [m]
+MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 128, 8
+HALVES = ((0, 2, 4), (1, 3, 5))  # reaches by number, from north to south
+BED_RATIOS = (0.0, 0.3, 0.5, 0.65, 0.8)  # pore pressure ratios of the bed [1]
+RANGES = {
+    "basal_friction_deg": (20.0, 28.0),
+    "least_ratio": (0.0, 0.6),
+    "ratio_span": (0.0, 0.6),
+    "block": (10.0, 40.0),  # [m]
+    "log_decay_time": (math.log(20.0), math.log(300.0)),  # [s]
+    "bed_ratio": (0.2, 0.7),
+    "depth_per_stress": (0.5e-4, 2.0e-4),  # [m/Pa]
+    "bulking": (0.8, 1.1),
+}
+AUTOMATON_RANGES = {
+    "critical_slope": (0.08, 0.25),
+    "threshold_flux": (0.3, 1.5),
+    "erosion_coefficient": (0.015, 0.06),
+    "erodible_thickness": (0.6, 2.0),
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run: of `runout` or `landlab`, with its numbers and the seed of its arrangement."""
+
+    model: str
+    numbers: Mapping[str, float]
+    seed: int
+
+
+def drawn(model: str, ranges: Mapping[str, tuple[float, float]], count: int) -> list[Job]:
+    """Jobs of a scrambled Sobol sequence over ranges."""
+    from scipy.stats import qmc
+
+    low, high = np.array(list(ranges.values())).T
+    points = qmc.scale(qmc.Sobol(len(ranges), rng=2021).random(count), low, high)
+    return [Job(model, dict(zip(ranges, map(float, point), strict=True)), seed) for seed, point in enumerate(points)]
+
+
+def wet(numbers: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of a run in the middle of the ranges, with some of its own."""
+    return {name: 0.5 * (low + high) for name, (low, high) in RANGES.items()} | dict(numbers)
+
+
+@cache
+def _event() -> Event:
+    return read()
+
+
+def done(job: Job) -> dict[str, Any]:
+    """Numbers, scores and volumes of a job."""
+    event = _event()
+    change, entrained = _flow(event, job) if job.model == "runout" else (_automaton(event, job), 0.0)
+    return {"numbers": dict(job.numbers), "seed": job.seed, "entrained_volume": entrained} | compared(event, change)
+
+
+def _flow(event: Event, job: Job) -> tuple[np.ndarray, float]:
+    """Change of the ground (rows, columns) [m] by a run, and what it took from the bed [m3]."""
+    numbers = job.numbers
+    high = min(numbers["least_ratio"] + numbers["ratio_span"], 0.95)
+    ratio = {"low": numbers["least_ratio"], "high": high, "block": numbers["block"]}
+    pressure = runout.PorePressure(ratio=ratio, decay_time=math.exp(numbers["log_decay_time"]))
+    release = event.wet_release(pressure)
+    erosion = runout.RammsErosion(depth_per_stress=numbers["depth_per_stress"])
+    result = runout.simulate(
+        event.terrain,
+        release,
+        runout.DruckerPrager(density=DENSITY, friction_angle=32.0),
+        basal_friction_angle=numbers["basal_friction_deg"],
+        bed=runout.Bed(BED, erosion, pore_pressure_ratio=numbers["bed_ratio"]),
+        bulking=numbers["bulking"],
+        cell_size=CELL_SIZE,
+        end_time=END,
+        seed=job.seed,
+        threads=1,
+    )
+    entrained = float(result.ledger["entrained_mass"][-1]) / DENSITY
+    return np.nan_to_num(result.maps["elevation_change"].values), entrained
+
+
+def _automaton(event: Event, job: Job) -> np.ndarray:
+    """Change of the ground (rows, columns) [m] by landlab's MassWastingRunout."""
+    from runout.slopes.choices import MassWasting
+    from runout.slopes.mass_wasting import mass_wasting
+
+    baseline = mass_wasting(event.terrain, [event.release], MassWasting(**job.numbers))
+    return np.nan_to_num(resampled(baseline.change, Grid.of(baseline.terrain), Grid.of(event.terrain)))
+
+
+def all_done(jobs: Sequence[Job]) -> list[dict[str, Any]]:
+    """Rows of jobs, on all processors."""
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as workers:
+        return list(workers.map(done, jobs, chunksize=2))
+
+
+def by_halves(rows: Sequence[Mapping[str, Any]], observed: Sequence[float]) -> list[dict[str, Any]]:
+    """For each half of the reaches the member that is best on it, and its errors [m3] on both halves."""
+    errors = np.abs(np.array([row["reach_volumes"] for row in rows]) - np.asarray(observed))
+    chosen = []
+    for fitted, judged in (HALVES, HALVES[::-1]):
+        best = int(errors[:, list(fitted)].sum(axis=1).argmin())
+        own = {key: rows[best][key] for key in ("numbers", "csi", "agreement", "erosion_volume", "deposition_volume", "reach_volumes")}
+        row = {"fitted": list(fitted), "error_fitted": errors[best, list(fitted)].sum(), "error": errors[best, list(judged)].sum()}
+        chosen.append(row | own | {"least": errors[:, list(judged)].sum(axis=1).min()})
+    return chosen
+
+
+def measure() -> dict[str, Any]:
+    """All members of both models, the choices by halves, and the spread by the pore pressure of the bed."""
+    event = read()
+    observed = compared(event, event.observed)["reach_volumes"]
+    members = all_done(drawn("runout", RANGES, MEMBERS))
+    automata = all_done(drawn("landlab", AUTOMATON_RANGES, AUTOMATA))
+    of_bed = [Job("runout", wet({"bed_ratio": ratio}), seed) for ratio in BED_RATIOS for seed in range(ARRANGEMENTS)]
+    rows = all_done(of_bed)
+    spread = []
+    for number, ratio in enumerate(BED_RATIOS):
+        part = rows[number * ARRANGEMENTS : (number + 1) * ARRANGEMENTS]
+        keys = "entrained_volume", "erosion_volume", "reach_error", "csi"
+        spread.append({"bed_ratio": ratio} | {key: np.percentile([r[key] for r in part], (0, 50, 100)).tolist() for key in keys})
+    return {
+        "members": _summary(members),
+        "halves": by_halves(members, observed),
+        "landlab": _summary(automata),
+        "landlab_halves": by_halves(automata, observed),
+        "bed_ratios": spread,
+    }
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Percentiles 5, 50, 95 and extremes of scores and volumes over members."""
+    keys = "csi", "agreement", "reach_error", "erosion_volume", "deposition_volume", "entrained_volume"
+    table = {key: np.percentile([row[key] for row in rows], (0, 5, 50, 95, 100)).tolist() for key in keys}
+    return {"count": len(rows), **table}

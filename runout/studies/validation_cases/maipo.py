@@ -1,0 +1,270 @@
+"""Six mapped debris flows of the upper Maipo, Chile: run-out of each from parameters chosen by the other five.
+
+Terrain, sources and outlines are those of the package runoptGPP (Goetz et al. 2021, Nat. Hazards Earth Syst. Sci. 21:2543). The
+outlines hold path and deposit. No volume, thickness or speed was observed, so that the volume is a parameter of all events, and
+parameters that differ may score alike.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+import runout
+from runout.scores import Grid, Thalweg, contingency
+from runout.slopes.drainage import drainage
+from runout.studies.validation_cases.case import data_folder
+
+SOURCE = "the package runoptGPP, inst/extdata (github.com/jngtz/runoptGPP)"
+DENSITY, INNER_FRICTION = 1900.0, 32.0  # [kg/m3], [deg]
+THICKNESS = 4.0  # of the released mass [m]
+VOLUMES = (1.0e4, 4.0e4)  # [m3]
+CELL_SIZE, END = 8.0, 240.0  # [m], [s]
+REACHED = 0.1  # thickness [m] from which a cell counts as reached
+WALL = 1.0e4  # [m] by which the terrain beside an outline is raised to find the path within
+BESIDE = 250.0  # [m]: cells farther from the path do not count for the length of the run-out
+VOELLMY = tuple(product((0.1, 0.2, 0.3, 0.4), (50.0, 200.0, 800.0)))  # mu [1], xi [m/s2]
+WET = tuple(product((0.0, 0.1, 0.2, 0.3, 0.4, 0.5), (60.0, 300.0)))  # pore pressure ratio at the start [1], decay time [s]
+
+
+@dataclass(frozen=True)
+class Flow:
+    """One mapped debris flow.
+
+    Attributes
+    ----------
+    source : tuple of float
+        Easting and northing [m] where it starts.
+    outline : shapely geometry
+    path : Thalweg
+        Down the steepest of eight directions: within the outline from the source to its lowest cell, then on the terrain.
+    reached : ndarray (rows, columns) of bool
+        Cells of the terrain in the outline.
+    length : float
+        Along the path to the farthest cell of the outline [m].
+    profile : ndarray (n, 2)
+        Length along the path [m] and elevation [m].
+    """
+
+    source: tuple[float, float]
+    outline: Any
+    path: Thalweg
+    reached: np.ndarray
+    length: float
+    profile: np.ndarray
+
+    @property
+    def reach_slope(self) -> float:
+        """Fall over length along the path [1], from the source to the end of the outline."""
+        return float((self.profile[0, 1] - np.interp(self.length, *self.profile.T)) / self.length)
+
+    def length_by_slope(self, slope: float) -> float:
+        """Length along the path [m] at which a line from the source with a ``slope`` [1] meets the ground."""
+        s, z = self.profile.T
+        below = np.flatnonzero(z[0] - z <= slope * s)
+        steep = below[below > np.argmax((z[0] - z) / np.maximum(s, s[1]))]
+        return float(s[steep[0]] if len(steep) else s[-1])
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Parameters of a run: a volume [m3] and the numbers of a family, Voellmy or pore pressure."""
+
+    family: str
+    volume: float
+    numbers: tuple[float, float]
+
+    @property
+    def told(self) -> str:
+        """Sentence part."""
+        a, b = self.numbers
+        law = f"mu {a:g}, xi {b:g} m/s2" if self.family == "voellmy" else f"ratio {a:g}, decay time {b:g} s"
+        return f"{law}, {self.volume:g} m3"
+
+
+CHOICES = {
+    "voellmy": tuple(Choice("voellmy", volume, numbers) for volume, numbers in product(VOLUMES, VOELLMY)),
+    "pore_pressure": tuple(Choice("pore_pressure", volume, numbers) for volume, numbers in product(VOLUMES, WET)),
+}
+
+
+@dataclass(frozen=True)
+class Event:
+    """Terrain and flows."""
+
+    terrain: runout.Terrain
+    flows: tuple[Flow, ...]
+
+    def simulated(self, flow: Flow, choice: Choice, cell_size: float = CELL_SIZE) -> runout.Result:
+        """Run of one flow."""
+        import shapely
+
+        disc = shapely.Point(flow.source).buffer(float(np.sqrt(choice.volume / THICKNESS / np.pi)))
+        share = _covered(disc, self.terrain)
+        wet, law = None, runout.Coulomb(friction_angle=INNER_FRICTION)
+        if choice.family == "voellmy":
+            law = runout.Voellmy(mu=choice.numbers[0], xi=choice.numbers[1])
+        else:
+            wet = runout.PorePressure(ratio=choice.numbers[0], decay_time=choice.numbers[1])
+        thickness = choice.volume * share / (share.sum() * self.terrain.cell_area)
+        release = runout.Release.from_array(thickness, self.terrain, "on_surface", pore_pressure=wet)
+        soil = runout.DruckerPrager(density=DENSITY, friction_angle=INNER_FRICTION)
+        return runout.simulate(
+            self.terrain, release, soil, basal_friction=law, cell_size=cell_size, end_time=END, threads=1
+        )
+
+
+def read() -> Event:
+    """Terrain, sources, outlines and paths, from RUNOUT_DATA."""
+    import geopandas
+
+    folder = data_folder("maipo_debrisflow_runoptGPP", SOURCE)
+    terrain = runout.Terrain.from_raster(folder / "elev_12_5m.tif")
+    outlines = geopandas.read_file(folder / "dflow_runout_ply.shp").geometry
+    receiver = drainage(terrain).receiver.ravel()
+    flows = []
+    for point in geopandas.read_file(folder / "dflow_source_pnt.shp").geometry:
+        outline = outlines[int(outlines.distance(point).argmin())]
+        covered = _covered(outline, terrain)
+        reached, path = covered >= 0.5, _path(terrain, receiver, covered > 0.0, (point.x, point.y))
+        length, profile = _length(terrain, path, reached), np.column_stack([path.vertex_s, _elevations(terrain, path.points)])
+        flows.append(Flow((point.x, point.y), outline, path, reached, length, profile))
+    return Event(terrain, tuple(flows))
+
+
+def _covered(shape: Any, terrain: runout.Terrain) -> np.ndarray:
+    """Share (rows, columns) [1] of each cell that a polygon covers."""
+    import shapely
+
+    (dx, dy), shares = terrain.cell_size, np.zeros(terrain.shape)
+    west, south, east, north = shape.bounds
+    columns = np.flatnonzero((terrain.easting > west - dx) & (terrain.easting < east + dx))
+    rows = np.flatnonzero((terrain.northing > south - dy) & (terrain.northing < north + dy))
+    x, y = np.meshgrid(terrain.easting[columns], terrain.northing[rows])
+    cells = shapely.box(x - dx / 2, y - dy / 2, x + dx / 2, y + dy / 2)
+    shares[np.ix_(rows, columns)] = shapely.area(shapely.intersection(cells, shape)) / (dx * dy)
+    return shares
+
+
+def _path(terrain: runout.Terrain, receiver: np.ndarray, inside: np.ndarray, source: tuple[float, float]) -> Thalweg:
+    """The way of water from a place [m] to the lowest of the cells (rows, columns) inside of an outline, and on to the edge."""
+    row = int(np.abs(terrain.northing - source[1]).argmin())
+    column = int(np.abs(terrain.easting - source[0]).argmin())
+    walled = runout.Terrain.from_array(terrain.elevation + WALL * ~inside, terrain.cell_size, crs=terrain.crs)
+    lowest = int(np.where(inside, terrain.elevation, np.inf).argmin())
+    within, cell, cells = drainage(walled).receiver.ravel(), row * terrain.shape[1] + column, []
+    while not cells or cells[-1] != cell:
+        cells.append(cell)
+        if cell == lowest:
+            within = receiver
+        cell = int(within[cell])
+    rows, columns = np.unravel_index(cells, terrain.shape)
+    return Thalweg(np.column_stack([terrain.easting[columns], terrain.northing[rows]]))
+
+
+def _elevations(terrain: runout.Terrain, points: np.ndarray) -> np.ndarray:
+    """Elevations (n,) [m] of the cells at points (n, 2) [m]."""
+    column = np.abs(terrain.easting[None, :] - points[:, :1]).argmin(axis=1)
+    row = np.abs(terrain.northing[None, :] - points[:, 1:]).argmin(axis=1)
+    return np.asarray(terrain.elevation[row, column], np.float64)
+
+
+def _length(terrain: runout.Terrain, path: Thalweg, reached: np.ndarray) -> float:
+    """Length along a path [m] to the farthest of the cells (rows, columns) beside it that are reached."""
+    rows, columns = np.nonzero(reached)
+    s, aside = path.coordinates(terrain.easting[columns], terrain.northing[rows])
+    near = np.abs(aside) <= BESIDE
+    return float(s[near].max()) if near.any() else 0.0
+
+
+def scored(event: Event, flow: Flow, choice: Choice) -> dict[str, float]:
+    """Critical success index of the area, and error of the length of the run-out [1], of one run."""
+    result = event.simulated(flow, choice)
+    reached = np.nan_to_num(result.maps["max_flow_thickness"].values) >= REACHED
+    table = contingency(reached, flow.reached, Grid.of(event.terrain).cell_area)
+    return {"csi": table.critical_success_index, "length": _length(event.terrain, flow.path, reached)}
+
+
+def _score_of(numbers: tuple[int, Choice]) -> dict[str, float]:
+    """Scores of one flow, by number, with one choice; for a process of its own."""
+    event = read()
+    return scored(event, event.flows[numbers[0]], numbers[1])
+
+
+def left_out(lengths: np.ndarray, csi: np.ndarray, observed: np.ndarray) -> list[dict[str, float]]:
+    """For each flow the choice that the others prefer, and how it fares there.
+
+    Parameters
+    ----------
+    lengths, csi : ndarray (choices, flows)
+        Lengths of the run-out [m] and critical success indices [1] of all runs.
+    observed : ndarray (flows,)
+        Observed lengths [m].
+    """
+    rows = []
+    for flow in range(csi.shape[1]):
+        others = np.arange(csi.shape[1]) != flow
+        best = int(csi[:, others].mean(axis=1).argmax())
+        rows.append(
+            {
+                "choice": best,
+                "csi_of_others": float(csi[best, others].mean()),
+                "csi": float(csi[best, flow]),
+                "length": float(lengths[best, flow]),
+                "length_error": float(lengths[best, flow] / observed[flow] - 1.0),
+                "best_csi": float(csi[:, flow].max()),
+            }
+        )
+    return rows
+
+
+def by_reach_slope(flows: Sequence[Flow]) -> list[dict[str, float]]:
+    """For each flow the length [m] that the mean slope of reach of the others gives (Heim 1932, Bergsturz und Menschenleben)."""
+    slopes, rows = np.array([flow.reach_slope for flow in flows]), []
+    for number, flow in enumerate(flows):
+        mean = float(np.delete(slopes, number).mean())
+        length = flow.length_by_slope(mean)
+        rows.append({"slope": float(slopes[number]), "length": length, "length_error": length / flow.length - 1.0})
+    return rows
+
+
+def measure(full: bool) -> dict[str, Any]:
+    """All choices for all flows; in CI one choice for one flow."""
+    event = read()
+    if not full:
+        return {"runs": [scored(event, event.flows[5], CHOICES["voellmy"][4])], "lines": []}
+    observed = np.array([flow.length for flow in event.flows])
+    results: dict[str, Any] = {"flows": [], "families": {}}
+    for flow, row in zip(event.flows, by_reach_slope(event.flows), strict=True):
+        area = float(flow.reached.sum() * event.terrain.cell_area)
+        results["flows"].append({"length": flow.length, "area": area, "empirical": row})
+    workers = ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
+    with workers:
+        for family, choices in CHOICES.items():
+            jobs = [(flow, choice) for choice in choices for flow in range(len(event.flows))]
+            scores = list(workers.map(_score_of, jobs))
+            shape = len(choices), len(event.flows)
+            csi, lengths = (np.array([one[key] for one in scores]).reshape(shape) for key in ("csi", "length"))
+            results["families"][family] = {
+                "choices": [choice.told for choice in choices],
+                "csi": csi.round(4).tolist(),
+                "lengths": lengths.round(1).tolist(),
+                "left_out": left_out(lengths, csi, observed),
+            }
+    return results | {"lines": _lines(results)}
+
+
+def _lines(results: Mapping[str, Any]) -> list[str]:
+    """Rows to print."""
+    rows = []
+    for family, found in results["families"].items():
+        errors = [abs(row["length_error"]) for row in found["left_out"]]
+        csi = [row["csi"] for row in found["left_out"]]
+        rows.append(f"  {family}: left out, mean CSI {np.mean(csi):.2f}, mean error of the length {np.mean(errors):.2f}")
+    errors = [abs(flow["empirical"]["length_error"]) for flow in results["flows"]]
+    return [*rows, f"  mean slope of reach of the others: mean error of the length {np.mean(errors):.2f}"]
