@@ -8,12 +8,14 @@ from typing import Any
 from docs.pages import (
     avakot,
     cascades_2021,
+    cascades_2021_fit,
     columns,
     commands,
     error_bars,
     frank_slide,
     gpu,
     iseesnow,
+    maipo,
     one_answer,
     peak_maps,
     published,
@@ -34,6 +36,8 @@ VALIDATION: dict[str, Page] = {
     "idealized_topo": iseesnow.topo_page,
     "frank_slide": frank_slide.page,
     "cascades_2021": cascades_2021.page,
+    "cascades_2021_fit": cascades_2021_fit.page,
+    "maipo": maipo.page,
     "avakot": avakot.page,
     "columns": columns.page,
 }

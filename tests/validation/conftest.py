@@ -12,6 +12,8 @@ FOLDERS = {
     "idealized_topo": "iseesnow/IdealizedTopo",
     "frank_slide": "frank_slide_1903/shaltop_ref",
     "cascades_2021": "cascades_2021_landlab",
+    "cascades_2021_fit": "cascades_2021_landlab",
+    "maipo": "maipo_debrisflow_runoptGPP",
     "avakot": "avaframe/avaKot",
     "columns": "bui2008_final_surface.csv",
 }

@@ -1,6 +1,6 @@
 """Cases of the validation: runs beside published tools, experiments and observed events."""
 
-from runout.studies.validation_cases import avakot, cascades_2021, columns, frank_slide, iseesnow_cases
+from runout.studies.validation_cases import avakot, cascades_2021, cascades_2021_fit, columns, frank_slide, iseesnow_cases, maipo
 from runout.studies.validation_cases.case import ValidationCase
 
 CASES: dict[str, ValidationCase] = {
@@ -10,6 +10,8 @@ CASES: dict[str, ValidationCase] = {
         iseesnow_cases.IDEALIZED_TOPO,
         ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure),
         ValidationCase("cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure),
+        ValidationCase("cascades_2021_fit", "Cascades 2021 fitted on half of the reaches", cascades_2021_fit.measure),
+        ValidationCase("maipo", "Six debris flows of the upper Maipo, each from the other five", maipo.measure),
         ValidationCase("avakot", "AvaFrame's avaKot with its own friction, beside com1DFA", avakot.measure),
         ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure),
     )

@@ -1,0 +1,67 @@
+"""Debris flows beside observed outlines and volumes: choices by what is left out, and a run of each case."""
+
+import numpy as np
+import pytest
+
+from runout.scores import Thalweg
+from runout.studies.validation_cases import cascades_2021_fit, maipo
+
+
+def test_the_choice_for_a_flow_does_not_see_it():
+    """Two choices: the second is best only for the last flow, whose prediction must be by the first."""
+    csi = np.array([[0.5, 0.4, 0.1], [0.3, 0.2, 0.9]])
+    lengths = np.array([[100.0, 200.0, 330.0], [90.0, 190.0, 300.0]])
+    rows = maipo.left_out(lengths, csi, np.array([100.0, 100.0, 300.0]))
+    assert [row["choice"] for row in rows] == [1, 1, 0]
+    assert rows[2]["csi_of_others"] == pytest.approx(0.45)
+    assert rows[2]["length_error"] == pytest.approx(0.1)
+    assert rows[2]["best_csi"] == 0.9
+
+
+def flow(fall, length=1000.0):
+    """A flow of a length down a straight slope that ends on level ground."""
+    s = np.linspace(0.0, 2000.0, 201)
+    z = np.maximum(1000.0 - fall * s, 1000.0 - fall * length)
+    path = Thalweg(np.column_stack([s, np.zeros(201)]))
+    return maipo.Flow((0.0, 0.0), None, path, np.zeros((1, 1), bool), length, np.column_stack([s, z]))
+
+
+def test_the_slope_of_reach_of_others_meets_the_ground_where_it_must():
+    """A flow that ends at a slope of 0.5; a line of 0.4 from its source meets the level ground at 500 / 0.4 m."""
+    own = flow(0.5)
+    assert own.reach_slope == pytest.approx(0.5)
+    assert own.length_by_slope(0.4) == pytest.approx(1250.0, abs=10.0)
+    rows = maipo.by_reach_slope([own, flow(0.4), flow(0.4)])
+    assert rows[0]["length_error"] == pytest.approx(0.25, abs=0.01)
+
+
+def test_halves_choose_on_one_half_and_judge_on_the_other():
+    rows = [
+        {"reach_volumes": volumes, "numbers": {}, "csi": 0.0, "agreement": 0.0, "erosion_volume": 0.0, "deposition_volume": 0.0}
+        for volumes in ([-5.0, 9.0, 1.0, 9.0, 1.0, 9.0], [0.0, 2.0, 0.0, 2.0, 0.0, 2.0])
+    ]
+    first, second = cascades_2021_fit.by_halves(rows, [-5.0, 2.0, 1.0, 2.0, 1.0, 2.0])
+    assert (first["error_fitted"], first["error"]) == (0.0, 21.0)
+    assert (second["error_fitted"], second["error"], second["least"]) == (0.0, 7.0, 0.0)
+    assert second["error_of_several"] == pytest.approx(3.5)
+
+
+def test_numbers_are_drawn_within_their_ranges_and_cover_them():
+    jobs = cascades_2021_fit.drawn("runout", cascades_2021_fit.RANGES, 64)
+    for name, (low, high) in cascades_2021_fit.RANGES.items():
+        values = np.array([job.numbers[name] for job in jobs])
+        assert low <= values.min() < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < values.max() <= high
+    assert len({job.seed for job in jobs}) == 64
+
+
+def test_a_flow_of_the_maipo_stays_in_its_valley_and_reaches_the_floor(results):
+    (run,) = results("maipo")["runs"]
+    assert run["length"] == pytest.approx(run["observed_length"], rel=0.15)
+    assert run["csi"] > 0.4
+
+
+def test_a_wet_member_of_cascades_erodes_its_bed(results):
+    (row,) = results("cascades_2021_fit")["members"]
+    assert row["entrained_volume"] > 2000.0
+    assert row["csi"] > 0.25
