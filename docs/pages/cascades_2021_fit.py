@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from docs.pages.study_page import StudyPage, as_csv, download, markdown
-from docs.pages.wording import COARSE, ENDING
+from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
+from docs.pages.wording import COARSE, ENDING, HEADING
 from runout.studies.validation_cases.cascades_2021_fit import (
     ARRANGEMENTS,
     AUTOMATON_RANGES,
@@ -34,10 +34,15 @@ judged on the other three. landlab's MassWastingRunout is drawn over four of its
 """
 FULL = """{halves}
 
+![Net volume by reach](cascades_2021_fit.png)
+
 - *Error*: sum over three reaches of the absolute difference from the observed net volume. Reaches are numbered from north to south.
-- **{verdict}**
+
+{heading}- **{verdict}**
 - The mean of the {several} best members is no better guess than the best alone by more than a quarter: what one half of the reaches
   tells about the parameters, it tells little about the places of the deposits in the other half.
+- **The automaton is the better fit here**: it stops where the channel is flat, and mass stays behind all along its way. A flow of
+  one law and one velocity leaves its deposit in fewer places.
 
 ## The spread of the members
 
@@ -72,13 +77,14 @@ def page(record: Mapping[str, Any]) -> StudyPage:
     """Page of a record."""
     opening, ending = OPENING.format(members=MEMBERS), ENDING.format(command=record["command"])
     if not record["full"]:
-        return StudyPage("cascades_2021_fit", opening + COARSE + "\n\n" + ending)
+        return StudyPage("cascades_2021_fit", opening + HEADING + COARSE + "\n\n" + ending)
     results = record["results"]
     own, beds = results["runout"], {row["bed_ratio"]: row for row in results["bed_ratios"]}
     errors, of_landlab = (sorted(half["error"] for half in results[name]["halves"]) for name in ("runout", "landlab"))
     numbers = {"low": errors[0], "high": errors[-1], "ll_low": of_landlab[0], "ll_high": of_landlab[-1]}
     text = FULL.format(
         halves=markdown(HEADS, [_half(name, half) for name in ("runout", "landlab") for half in results[name]["halves"]]),
+        heading=HEADING,
         verdict=MET if errors[-1] <= 12e3 else MISSED.format(**numbers),
         several=SEVERAL,
         spread=markdown(SPREAD_HEADS, [*(_spread(name, results[name]) for name in ("runout", "landlab")), _observed(results)]),
@@ -95,9 +101,9 @@ def page(record: Mapping[str, Any]) -> StudyPage:
         cell=CELL_SIZE,
         tables=download("cascades_2021_fit.csv", "Numbers of the chosen members"),
     )
-    return StudyPage(
-        "cascades_2021_fit", opening + text + ending, {"cascades_2021_fit.csv": as_csv(NUMBER_HEADS, _numbers(results))}
-    )
+    tables = {"cascades_2021_fit.csv": as_csv(NUMBER_HEADS, _numbers(results))}
+    pictures = {"cascades_2021_fit.png": _figure(results)}
+    return StudyPage("cascades_2021_fit", opening + text + ending, tables, pictures)
 
 
 def _label(half: Mapping[str, Any]) -> str:
@@ -138,3 +144,21 @@ def _numbers(results: Mapping[str, Any]) -> list[tuple[Any, ...]]:
         for half in results[model]["halves"]
         for name, value in half["numbers"].items()
     ]
+
+
+def _figure(results: Mapping[str, Any]) -> bytes:
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(8.0, 3.6), layout="constrained")
+    axes, width = canvas.subplots(), 0.16
+    bars = [("observed", results["observed"]["reach_volumes"], "0.3")]
+    for model, colors in (("runout", ("C0", "#9ecae1")), ("landlab", ("C1", "#fdd0a2"))):
+        for half, color in zip(results[model]["halves"], colors, strict=True):
+            bars.append((f"{model}, fitted on {_label(half)}", half["reach_volumes"], color))
+    for number, (label, volumes, color) in enumerate(bars):
+        places = [reach + (number - 2) * width for reach in range(1, len(volumes) + 1)]
+        axes.bar(places, [volume / 1000.0 for volume in volumes], width, label=label, color=color)
+    axes.axhline(0.0, color="k", linewidth=0.8)
+    axes.set(xlabel="reach, from north to south", ylabel="net volume [1000 m³]")
+    axes.legend(frameon=False, fontsize="small")
+    return as_png(canvas)

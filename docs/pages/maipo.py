@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
-from docs.pages.wording import COARSE, ENDING
+from docs.pages.wording import COARSE, ENDING, HEADING
 from runout.studies.validation_cases.maipo import CELL_SIZE, REACHED
 
 NAMES = {"voellmy": "Voellmy", "pore_pressure": "pore pressure"}
@@ -33,9 +33,10 @@ Mean of the six: error of the length {empirical:.0%} by the slope of reach, {voe
 
 - *Length*: along the path, from the source to the farthest cell that is reached, {reached:g} m thick or more. *CSI*: area reached
   in both over that in either, path and deposit. Cells of {cell:g} m, {runs} runs.
-- **The slope of reach predicts the length as well as the model, with one number and no volume.** All six flows end on the floor of
-  one valley, so that their slopes of reach are alike. The model adds area, thickness and speed, and it answers for a volume; of
-  these only the area was observed.
+
+{heading}- **The slope of reach predicts the length as well as the model, with one number and no volume.** All six flows
+  end on the floor of one valley, so that their slopes of reach are alike. The model adds area, thickness and speed, and it answers
+  for a volume; of these only the area was observed.
 - **The parameters trade.** Voellmy friction with 0.1 and 800 m/s2 and 10 000 m3 has a CSI of {small:.2f} over all six, with
   40 000 m3 {large:.2f}; 0.2 and 200 m/s2 with 40 000 m3 {slow:.2f}. Outlines alone do not tell which; a volume, a speed or a
   deposit would.
@@ -53,12 +54,13 @@ def page(record: Mapping[str, Any]) -> StudyPage:
     """Page of a record."""
     results, ending = record["results"], ENDING.format(command=record["command"])
     if not record["full"]:
-        return StudyPage("maipo", OPENING + COARSE + "\n\n" + ending)
+        return StudyPage("maipo", OPENING + HEADING + COARSE + "\n\n" + ending)
     flows, families = results["flows"], results["families"]
     rows = [_row(number, flow, families) for number, flow in enumerate(flows)]
     tables = {"maipo.csv": as_csv(ALL_HEADS, _all(results))}
     text = FULL.format(
         rows=markdown(HEADS, rows),
+        heading=HEADING,
         reached=REACHED,
         cell=CELL_SIZE,
         runs=sum(np.size(family["csi"]) for family in families.values()),
@@ -98,9 +100,9 @@ def _csi_of(family: Mapping[str, Any], told: str) -> float:
 def _row(number: int, flow: Mapping[str, Any], families: Mapping[str, Any]) -> tuple[str, ...]:
     empirical = flow["empirical"]
     own = (str(number + 1), f"{flow['length']:.0f}", f"{flow['area'] / 1e4:.1f}", f"{empirical['slope']:.2f}")
-    others = (f"{empirical['length']:.0f}", f"{empirical['length_error']:+.0%}")
+    others = (f"{empirical['length']:.0f}", f"{round(empirical['length_error'], 2) + 0.0:+.0%}")
     left_out = [families[name]["left_out"][number] for name in NAMES]
-    scores = ((f"{row['length']:.0f}", f"{row['length_error']:+.0%}", f"{row['csi']:.2f}") for row in left_out)
+    scores = ((f"{row['length']:.0f}", f"{round(row['length_error'], 2) + 0.0:+.0%}", f"{row['csi']:.2f}") for row in left_out)
     return (*own, *others, *(cell for row in scores for cell in row))
 
 
@@ -128,5 +130,5 @@ def _figure(results: Mapping[str, Any]) -> bytes:
     axes.set(
         xlabel="observed length [m]", ylabel="predicted length [m]", xlim=(1000, longest), ylim=(1000, longest), aspect="equal"
     )
-    axes.legend(loc="upper left", frameon=False)
+    axes.legend(loc="lower right", frameon=False)
     return as_png(canvas)

@@ -10,6 +10,7 @@ ENDING = """## How to make this page
 It writes a record with machine, versions and commit; without `--full` it takes the coarse size of CI. Copy the record to
 `tests/benchmarks/records/`; `python -m docs.pages` then writes this page, its table and its figure.
 """
+HEADING = "## Differences, and their reasons\n\n"
 COARSE = "The coarse size of CI has one run; `--full` makes the runs that show the differences and their reasons."
 
 

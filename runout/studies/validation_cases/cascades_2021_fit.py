@@ -18,7 +18,7 @@ from runout.studies.validation_cases.cascades_2021 import BED, DENSITY, END, Eve
 from runout.studies.validation_cases.case import on_all_processors
 
 CELL_SIZE = 5.0  # [m]
-MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 64, 8
+MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 128, 8
 SEVERAL = 8  # members whose mean is judged beside the best one
 HALVES = ([0, 2, 4], [1, 3, 5])  # reaches by number, from north to south
 BED_RATIOS = (0.0, 0.3, 0.5, 0.65, 0.8)  # pore pressure ratios of the bed [1]
