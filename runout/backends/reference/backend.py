@@ -88,11 +88,11 @@ class ReferenceBackend:
     def add(self, particles: Particles) -> None:
         """Add particles to those that are there; sums and counters go on."""
         require_movable(particles)
-        require_index_range(particles.node, self.scene.spacing)
+        both = self._p.joined(particles)
+        require_index_range(both.node, self.scene.spacing)
         more, volume = len(particles), particles.sums(self.scene.densities).mean_volume
         self.particle_volume = joined_mean(self.particle_volume, self.loaded, volume, more)
         self.loaded += more
-        both = self._p.joined(particles)
         self._p = both.take(np.argsort(both.identity, kind="stable"))
         if self.structures:
             self.structures.add(particles.identity)
