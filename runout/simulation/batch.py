@@ -14,6 +14,7 @@ import numpy as np
 
 from runout.backends.protocol import (
     Backend,
+    BoxSums,
     Counters,
     LedgerRow,
     RasterSums,
@@ -256,6 +257,12 @@ class _View:
 
     def lattice_columns(self) -> RasterSums:
         return self.batch.lattice_columns_of(self.scene)
+
+    def box_columns(self) -> BoxSums | None:
+        return self.batch.box_columns_of(self.scene)
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        return self.batch.plan_masses_of(self.scene, first, shape)
 
 
 class _Together:

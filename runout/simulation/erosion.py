@@ -21,7 +21,7 @@ import numpy as np
 
 from runout.backends import bed_loops
 from runout.backends.compile import array_binding, numba_binding
-from runout.backends.plan_areas import covered_shares
+from runout.backends.plan_areas import covered_shares, weighed_particles
 from runout.backends.protocol import Backend, LedgerRow, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, require_kind
@@ -118,14 +118,14 @@ class ErodingBed:
         """Note how many particles there are at the start, and where those of several releases lie."""
         self.particles = len(particles)
         if len(self.scene.materials) > 1:
-            for chunk in particles.chunks(stressed=False):
-                self._note_releases(chunk)
+            chunks = particles.chunks(stressed=False)
+            masses = [weighed_particles(self.scene, chunk, self.first, self.owed.shape) for chunk in chunks]
+            self._note_releases(self.releases, np.sum(masses, axis=0))
 
     def update(self, engine: Backend, time: float) -> None:
         """Erode the bed up to a ``time`` [s]; if births are due, particles join the backend."""
         lasting, self.time = time - self.time, time
-        found = engine.lattice_columns() if isinstance(engine, WindowBackend) else None
-        boxes = found.boxes if found is not None else None
+        boxes = engine.box_columns() if isinstance(engine, WindowBackend) else None
         columns = Columns.of(boxes).window(self.first, self.owed.shape) if boxes is not None else None
         fastest = 0.0
         if columns is not None:
@@ -149,7 +149,7 @@ class ErodingBed:
         rates, density = np.zeros(len(i)), columns.mass[i, j] / columns.volume[i, j]
         slopes, covered = self._slopes_at(columns.first, i, j), covered_shares(columns.mass)[i, j]
         thickness = columns.volume[i, j] / (self.area * covered)
-        flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine)[part_of][i, j]])
+        flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine, columns)[i, j]])
         basal = np.zeros(len(i), self.scene.basal.table().dtype)
         if self.bed.erosion.of_friction:
             x, y = ((index + start) * h for index, start, h in zip((i, j), columns.first, self.scene.spacing, strict=False))
@@ -173,17 +173,14 @@ class ErodingBed:
             record[name] = value
         return record
 
-    def _pore_ratios(self, engine: Backend) -> np.ndarray:
-        """Mean pore pressure ratios (nx, ny) [1] of the mass around the nodes; 0 where the law does not read them."""
+    def _pore_ratios(self, engine: Backend, columns: Columns) -> np.ndarray:
+        """Mean pore pressure ratios (nx, ny) [1] of the mass around the nodes of columns; 0 where the law does not read them."""
+        shape = columns.volume.shape
         if not (self.scene.is_wet and self.bed.erosion.of_friction):
-            return np.zeros(self.owed.shape)
-        present = engine.particles()
-        table = self.scene.pore_table().view(np.recarray)[present.release]
-        ratio = array_binding().pore_pressure.pore_ratio(present.pore_excess, present.pore_left, table)
-        places, inside = self._nodes_around(present)
-        mass = np.bincount(places, present.mass[inside], self.owed.size)
-        wet = np.bincount(places, (present.mass * ratio)[inside], self.owed.size)
-        return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0).reshape(self.owed.shape)
+            return np.zeros(shape)
+        assert isinstance(engine, WindowBackend)
+        mass, wet = engine.plan_masses(columns.first, (shape[0], shape[1])).sum(axis=0)
+        return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0)
 
     def _slopes_at(self, first: tuple[int, int], i: np.ndarray, j: np.ndarray) -> np.ndarray:
         """Slopes (n, 2) [1] of the ground at nodes ``i``, ``j`` (n,) from ``first`` on."""
@@ -220,7 +217,9 @@ class ErodingBed:
         newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
         self._book(columns, newborn, i + first[0], j + first[1])
         if len(self.scene.materials) > 1:
-            self._note_releases(engine.particles())
+            assert isinstance(engine, WindowBackend)
+            shape = columns.volume.shape
+            self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, (shape[0], shape[1])))
         engine.add(newborn)
 
     def _lower_ground(self, engine: Backend) -> None:
@@ -273,19 +272,11 @@ class ErodingBed:
         booked.entrained_energy -= float(newborn.mass @ height)
         booked.entrainment_dissipation += float(0.5 * newborn.mass @ columns.speed_at(i, j) ** 2)
 
-    def _note_releases(self, particles: Particles) -> None:
-        """Note which release has most of the mass around each node."""
-        places, inside = self._nodes_around(particles)
-        count = len(self.scene.materials)
-        own = np.bincount(places * count + particles.release[inside], particles.mass[inside], self.owed.size * count)
-        by_release = own.reshape(*self.owed.shape, count)
-        self.releases = np.where(by_release.any(axis=2), by_release.argmax(axis=2), self.releases).astype(np.int32)
-
-    def _nodes_around(self, particles: Particles) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of the plan nearest to the particles that have a bed below, and which particles (n,) these are."""
-        node = particles.node[:, :2] + np.round(particles.offset[:, :2]).astype(np.int64) - np.array(self.first)
-        inside = ((node >= 0) & (node < self.owed.shape)).all(axis=1)
-        return np.ravel_multi_index(tuple(node[inside].T), self.owed.shape), inside
+    @staticmethod
+    def _note_releases(releases: np.ndarray, masses: np.ndarray) -> None:
+        """Put the release that has most of the mass around each node; ``masses`` (releases, 2, nx, ny) as of the backend."""
+        own = masses[:, 0]
+        releases[:] = np.where(own.any(axis=0), own.argmax(axis=0), releases)
 
     def ledger(self, row: LedgerRow) -> LedgerRow:
         """A row of the backend with what the bed gave."""

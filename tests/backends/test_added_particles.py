@@ -305,3 +305,24 @@ def test_scenes_of_a_batch_gain_particles_on_their_own():
         np.testing.assert_array_equal(found.identity, expected.identity)
         assert_close_states(expected, found, 1e-12, SPACING)
         assert batch.ledgers()[s].mass == pytest.approx(expected.mass.sum(), rel=1e-13)
+
+
+@EACH
+@pytest.mark.parametrize("case", ["wet", "two materials"])
+def test_masses_around_nodes_are_those_of_the_particles(name, case):
+    """By release and nearest node of the plan, with the pore pressure ratio; what lies beyond the window does not count."""
+    engine = engine_of(name)
+    a_scene, substeps = scene_of(case)
+    early, late = both_of(case)
+    running(engine, a_scene, early.joined(late), 5, substeps)
+    first, shape, p = (22, 31), (6, 4), engine.particles()
+    found = engine.plan_masses(first, shape)
+    place = np.floor(p.position(np.ones(3))[:, :2] + 0.5).astype(int) - first
+    ratio = p.pore_excess * p.pore_left if case == "wet" else np.zeros(len(p))
+    expected = np.zeros((len(a_scene.materials), 2, *shape))
+    for (i, j), release, mass, one in zip(place, p.release, p.mass, ratio, strict=True):
+        if 0 <= i < shape[0] and 0 <= j < shape[1]:
+            expected[release, :, i, j] += mass, mass * one
+    assert 0.0 < expected[:, 0].sum() < p.mass.sum()
+    assert (expected[0, 1] > 0.0).any() == (case == "wet")
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)

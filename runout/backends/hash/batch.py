@@ -28,7 +28,7 @@ from runout.backends.hash.scenes import SceneArrays, reach_of
 from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
 from runout.backends.loading import fastest
-from runout.backends.protocol import Counters, LedgerRow, RasterSums
+from runout.backends.protocol import BoxSums, Counters, LedgerRow, RasterSums
 from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -378,6 +378,18 @@ class Batch:
         if scene not in self.report.cached_columns:
             self.look_at([scene])
         return self.report.cached_columns[scene]
+
+    def box_columns_of(self, scene: int) -> BoxSums | None:
+        """The boxes of these columns alone; None without particles."""
+        if scene in self.report.cached_columns:
+            return self.report.cached_columns[scene].boxes
+        with self._on_device():
+            return readback.boxes(self.parts, self.report, self.accounts, scene)
+
+    def plan_masses_of(self, scene: int, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Masses (releases, 2, nx, ny) of a scene by release around nodes of the plan."""
+        with self._on_device():
+            return readback.plan_masses(self.parts, self.accounts, scene, first, shape)
 
     def structure_impulses_of(self, scene: int) -> np.ndarray:
         """Impulse (patches, 3) [N s] of the mass on each patch of a scene's structures since the start; (0, 3) without any."""
