@@ -268,8 +268,8 @@ class SceneBatch(Protocol):
     def plan_masses_of(self, s: int, first: tuple[int, int], shape: tuple[int, int], /) -> np.ndarray:
         """As :meth:`WindowBackend.plan_masses`."""
 
-    def add_to(self, s: int, particles: Particles, /) -> None:
-        """As :meth:`Backend.add`."""
+    def join(self, more: Sequence[tuple[int, Particles]]) -> None:
+        """Add particles to scenes, given by number, all at once; as :meth:`Backend.add`."""
 
     def lower_of(self, s: int, first: tuple[int, int], depth: np.ndarray, /) -> None:
         """As :meth:`Backend.lower`; scenes that share the ground share what is lowered."""

@@ -290,7 +290,7 @@ def test_scenes_of_a_batch_gain_particles_on_their_own():
     for turn, lengths in enumerate(dt):
         if turn:
             batch.lower_of(turn % 2, (24, 32), np.full((3, 3), 0.1))
-            batch.add_to(turn % 2, late)
+            batch.join([(turn % 2, late), (turn % 2, late.take(slice(0, 0)))])
         batch.advance(lengths, (4, 4))
     for s, (a_scene, p) in enumerate(starting()):
         engine = engine_of("hash")

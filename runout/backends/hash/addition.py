@@ -28,30 +28,30 @@ from runout.model.particles import Particles, require_index_range
 FEWEST_MORE = 2**12  # places that are made at once
 
 
-def require_joinable(parts: Parts, scene: int, p: Particles) -> None:
-    """Raise StabilityError or CapacityError for particles that cannot join a scene."""
-    require_movable(p)
-    s = parts.scenes.scenes[scene]
-    require_index_range(p.node, s.spacing, np.zeros(3, np.int64))
-    require_particles(max(parts.store.n, len(parts.store.identity)) + len(p), s.dtype().itemsize)
+def require_joinable(parts: Parts, more: Sequence[tuple[int, Particles]]) -> None:
+    """Raise StabilityError or CapacityError for particles that cannot join scenes."""
+    for scene, p in more:
+        require_movable(p)
+        require_index_range(p.node, parts.scenes.scenes[scene].spacing, np.zeros(3, np.int64))
+    total = max(parts.store.n, len(parts.store.identity)) + sum(len(p) for _, p in more)
+    require_particles(total, parts.scenes.scenes[0].dtype().itemsize)
 
 
-def join(parts: Parts, report: Report, accounts: Sequence[Account], scene: int, p: Particles) -> None:
-    """Add particles to a scene, and sort all; no sort is under way."""
+def join(parts: Parts, report: Report, accounts: Sequence[Account], more: Sequence[tuple[int, Particles]]) -> None:
+    """Add particles to scenes, and sort all; no sort is under way."""
     sort.keep(parts, report)
-    store, many = parts.store, len(p)
+    store, many = parts.store, sum(len(p) for _, p in more)
     if store.n + many > store.size or len(store.identity) + many > len(store.forces):
         _grow(parts, many)
-    fresh = _packed(parts, accounts, scene, p)
-    _reach_farther(parts, float(p.radius.astype(parts.scenes.scenes[0].dtype).max()))
-    first = store.n
-    store.join(fresh)
+    nodes, first = [], store.n
+    for scene, p in more:
+        store.join(_packed(parts, accounts, scene, p))
+        _reach_farther(parts, float(p.radius.astype(parts.scenes.scenes[0].dtype).max()))
+        nodes.append(np.add(p.node, (0, int(parts.scenes.shifts[scene]), 0)))
     if parts.scenes.constants.only != store.only:
         parts.scenes.constants.only = store.only
         parts.index.generation += 1
-    nodes = p.node.copy()
-    nodes[:, 1] += parts.scenes.shifts[scene].astype(np.int32)
-    works = _works(parts, wp.array(nodes, dtype=wp.int32), first)
+    works = _works(parts, wp.array(np.concatenate(nodes).astype(np.int32), dtype=wp.int32), first)
     sort.enqueue(parts, *works)
     store.turn_over()
     sort.settle(parts, lambda: works)

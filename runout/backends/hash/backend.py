@@ -61,7 +61,7 @@ class HashBackend(Batch):
 
     def add(self, particles: Particles) -> None:
         """Add particles to those that are there; only these are brought to the device, and a sort follows."""
-        self.add_to(0, particles)
+        self.join([(0, particles)])
 
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
         """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]."""

@@ -142,28 +142,31 @@ class Batch:
         sort.settle(self.parts, lambda: sort.present(self.parts), found)
         return generation == self._generation()
 
-    def add_to(self, scene: int, particles: Particles) -> None:
-        """Add particles to a scene between two steps, as :meth:`runout.backends.protocol.Backend.add`."""
-        if not len(particles):
+    def join(self, more: Sequence[tuple[int, Particles]]) -> None:
+        """Add particles to scenes between two steps, all at once, as :meth:`runout.backends.protocol.Backend.add`."""
+        more = [(scene, p) for scene, p in more if len(p)]
+        if not more:
             return
-        addition.require_joinable(self.parts, scene, particles)
+        addition.require_joinable(self.parts, more)
         with self._on_device():
             if self.sorting:
                 self._settle()
-            addition.join(self.parts, self.report, self.accounts, scene, particles)
-            self.accounts[scene].join(particles, self.parts.scenes.scenes[scene].densities, fastest(particles))
-            self._note_speed(scene)
-        self.joined.append((scene, len(particles)))
+            addition.join(self.parts, self.report, self.accounts, more)
+            for scene, p in more:
+                self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
+                self.joined.append((scene, len(p)))
+                self.looks.travelled[scene] = np.inf
+            self._note_speeds()
         self.counters.rebuilds += 1
         self.since_sort = 0
-        self.looks.travelled[scene] = np.inf
         self.report.forget()
 
-    def _note_speed(self, scene: int) -> None:
-        """Let the device know of the largest speed of a scene."""
-        peaks, speed = self.parts.status.peaks.numpy(), self.accounts[scene].max_speed
-        if speed**2 > peaks[scene]:
-            peaks[scene] = speed**2
+    def _note_speeds(self) -> None:
+        """Let the device know of the largest speeds of the scenes, from which contact is found."""
+        peaks = self.parts.status.peaks.numpy()
+        speeds = np.array([a.max_speed**2 for a in self.accounts])
+        if (speeds > peaks[:-1]).any():
+            peaks[:-1] = np.maximum(peaks[:-1], np.where(self.present, speeds, 0.0))
             self.parts.status.peaks.assign(peaks)
 
     def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:

@@ -128,6 +128,7 @@ class Store:
     def join(self, fresh: Store) -> None:
         """Take the particles of another store behind the others, into places that are free; without cells."""
         first, loaded, many = self.n, len(self.identity), fresh.size
+        self.n += many
         places, numbers = slice(first, first + many), slice(loaded, loaded + many)
         self.identity = np.concatenate([self.identity, fresh.identity])
         self.put_releases |= fresh.put_releases
