@@ -14,9 +14,9 @@ import numpy as np
 
 from runout.backends.protocol import (
     Backend,
-    BoxSums,
     Counters,
     LedgerRow,
+    NodeSums,
     RasterSums,
     SceneBatch,
     bytes_on_device,
@@ -279,8 +279,8 @@ class _View:
     def lattice_columns(self) -> RasterSums:
         return self.batch.lattice_columns_of(self.scene)
 
-    def box_columns(self) -> BoxSums | None:
-        return self.batch.box_columns_of(self.scene)
+    def node_columns(self) -> NodeSums | None:
+        return self.batch.node_columns_of(self.scene)
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         return self.batch.plan_masses_of(self.scene, first, shape)
