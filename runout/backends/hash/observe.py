@@ -379,7 +379,7 @@ def add_around_nodes(
     for q in range(4):
         i = wp.clamp(_folded(x + (q >> 1), window[5]) - window[0], 0, window[2] - 1)
         j = wp.clamp(_folded(y + (q & 1), window[6]) - window[1], 0, window[3] - 1)
-        share = wp.where(q >> 1 == 1, east, wp.float64(1.0) - east) * wp.where(q & 1 == 1, north, wp.float64(1.0) - north)
+        share = wp.where((q >> 1) == 1, east, wp.float64(1.0) - east) * wp.where((q & 1) == 1, north, wp.float64(1.0) - north)
         added = whole5()
         added[0] = wp.int64(wp.round(share * volume))
         added[1] = wp.int64(wp.round(share * m * units[1]))
