@@ -43,12 +43,9 @@ class Work:
 
     @property
     def together(self) -> bool:
-        """Whether the members of a group share kernel launches (backend hash); those that erode a bed run alone."""
-        return (
-            self.simulate is None
-            and self.site.settings.bed is None
-            and (self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash")
-        )
+        """Whether the members of a group share kernel launches (backend hash)."""
+        hashed = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash"
+        return self.simulate is None and hashed
 
     def task(self, share: Share) -> Task:
         """What a worker of a share does with a group."""

@@ -12,7 +12,7 @@ from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, layers_of, room_for
 from runout.backends.hash.limits import largest_blocks, require_particles, room_within
 from runout.backends.hash.structures import bytes_of_structures
-from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
@@ -59,6 +59,14 @@ class HashBackend(Batch):
         """Take over a scene and its particles."""
         super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense)
 
+    def add(self, particles: Particles) -> None:
+        """Add particles to those that are there; only these are brought to the device, and a sort follows."""
+        self.join([(0, particles)])
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]."""
+        self.lower_of(0, first, depth)
+
     def step(self, dt: float, substeps: int = 1) -> None:
         """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""
         self.advance([dt], [1], substeps=[substeps])
@@ -98,6 +106,14 @@ class HashBackend(Batch):
     def lattice_columns(self) -> RasterSums:
         """The same on the lattice of footprints."""
         return self.lattice_columns_of(0)
+
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan."""
+        return self.node_columns_of(0)
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Masses (releases, 2, nx, ny) by release around nodes of the plan."""
+        return self.plan_masses_of(0, first, shape)
 
     def structure_impulses(self) -> np.ndarray:
         """Impulse (patches, 3) [N s] of the mass on each patch of the structures since ``load``; (0, 3) without any."""
