@@ -11,10 +11,11 @@ from runout.errors import ReleaseError, member_of, require_kind
 from runout.model.arrays import real_array
 from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
 from runout.model.facts import as_html, as_text, short
-from runout.model.limits import LIMITS, checked_radians
+from runout.model.limits import LIMITS, checked, checked_radians
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.pore_pressure import PorePressure
 from runout.model.readers import reader
+from runout.model.release_start import Arrival, StartVelocity, checked_velocity
 from runout.model.terrain import Terrain
 
 
@@ -77,6 +78,12 @@ class Release:
         Largest depth of an excavated mass below the surface [m]; additional thickness stands above the surface. None: no limit.
     pore_pressure : PorePressure or None
         Pore pressure of this mass; None: it is dry.
+    start_time : float
+        Time at which this mass starts to move [s]. Until then an excavated mass is ground; one on the surface is not there.
+    velocity : float, StartVelocity, (east, north, up) or None
+        Velocity at the start [m/s]: a speed down the slope, one with an azimuth, or three components; None: at rest.
+    starts_when : Arrival or None
+        The mass starts when the flow of another release arrives, instead of at a time. If it never does, the mass stays out.
     """
 
     thickness: np.ndarray
@@ -93,6 +100,9 @@ class Release:
     deepest: np.ndarray | None = None
     basal_friction: BasalFriction | None = None
     pore_pressure: PorePressure | None = None
+    start_time: float = 0.0
+    velocity: StartVelocity | float | tuple[float, float, float] | None = None
+    starts_when: Arrival | None = None
 
     def __post_init__(self) -> None:
         t = real_array(self.thickness, f"{self.source}: thickness", ReleaseError)
@@ -114,6 +124,23 @@ class Release:
         object.__setattr__(self, "thickness", t)
         object.__setattr__(self, "placement", Placement.of(self.placement))
         self._require_laws()
+        self._require_start()
+
+    def _require_start(self) -> None:
+        """Raise ReleaseError if start time, velocity or trigger are of another kind or out of range."""
+        own = f"{self.source}: release {self.name}"
+        object.__setattr__(self, "start_time", checked("start_time", self.start_time, place=own, error=ReleaseError))
+        object.__setattr__(self, "velocity", checked_velocity(self.velocity, f"{own}: velocity"))
+        if self.starts_when is not None:
+            remedy = "give runout.Arrival('NAME OF A RELEASE', thickness=0.1)"
+            require_kind(Arrival, self.starts_when, f"{own}: starts_when", remedy, ReleaseError)
+            if self.start_time:
+                raise ReleaseError(f"{own}: start_time and starts_when are both given; remove one of them")
+
+    @property
+    def waits(self) -> bool:
+        """Whether this mass starts later than the run."""
+        return self.starts_when is not None or self.start_time > 0.0
 
     def _require_laws(self) -> None:
         """Raise ReleaseError if material, friction law or friction angle of its own are of another kind or out of range."""

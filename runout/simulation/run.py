@@ -22,6 +22,7 @@ from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.quantities import DEPOSIT, QUANTITIES
 from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed
 from runout.simulation.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
 from runout.simulation.probe_recorder import ProbeRecorder
@@ -94,14 +95,15 @@ class Run:
     def __init__(
         self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None,
         keep: Checkpoint | None, structures: Structures | None = None, bed: ErodingBed | None = None,
+        entering: Entering | None = None,
     ):  # fmt: skip
         self.engine, self.control, self.progress, self.keep = engine, control, progress, keep
-        self.bed, self.scene = bed, bed.scene if bed else scene
+        self.bed, self.scene, self.entering = bed, bed.scene if bed else scene, entering
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         probes = control.probes
         self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
-        self.ledger, self.rest = Ledger(bed is not None), AtRest()
+        self.ledger, self.rest = Ledger(bed is not None, entering is not None), AtRest()
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -113,10 +115,13 @@ class Run:
         self.look_every = self.substeps = 1
         self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = self.eroding = 0.0
         self.particle_volume = 0.0  # mean [m3]
+        self.particles = 0  # at the start
 
     def count(self, particles: ParticleSource) -> None:
         """Note number and mean volume of the particles."""
-        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
+        self.particles = len(particles)
+        followed = len(particles) + (self.entering.reserved if self.entering else 0)
+        self.sample = ParticleSample.of(followed, self.control.snapshot_particles)
         self.particle_volume = particles.sums(self.scene.densities).mean_volume
 
     def start(self, particles: ParticleSource) -> None:
@@ -125,11 +130,16 @@ class Run:
         state = self.keep.read() if self.keep else None
         if self.bed:
             self.bed.begin(particles)
+            self.bed.particles += self.entering.reserved if self.entering else 0
+        if self.entering:
+            self.entering.begin(self.scene, self.particles)
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
             return
         if self.bed:
             self.bed.restore(part(state, "bed."))
+        if self.entering:
+            self.entering.restore(part(state, "entering."))
         self.engine.restore(self.scene, part(state, "backend."))
         put_arrays(self, state, "run.")
         put_arrays(self.peaks, state, "peaks.")
@@ -155,6 +165,7 @@ class Run:
             state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
         state |= {f"probes.{name}": values for name, values in self.probes.state().items()} if self.probes else {}
         state |= {f"bed.{name}": values for name, values in self.bed.state().items()} if self.bed else {}
+        state |= {f"entering.{name}": values for name, values in self.entering.state().items()} if self.entering else {}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
         state["frames.particles"] = np.array(self.particle_frames)
@@ -238,6 +249,7 @@ class Run:
             self._note(self.time, self._columns())
             self._keep_snapshots()
             self._observe()
+            self._go_to_next_mass()
 
     def plan(self, most: int) -> int:
         """Set the next time step [s] and the number of substeps; returns the transfers until the next record, at most ``most``.
@@ -254,6 +266,8 @@ class Run:
             count = min(count, max(1, self._steps_until(self.forces.due) - self.made))
         if self.bed:
             count = min(count, max(1, self._steps_until(self.bed.due) - self.made))
+        if self.entering and self.entering.due < math.inf:
+            count = min(count, max(1, self._steps_until(self.entering.due) - self.made))
         if self.pending:
             count = min(count, self._steps_before_snapshot())
         planned = range(self.first_look, self.planned + 1, self.look_every)
@@ -263,11 +277,12 @@ class Run:
     def _plan_series(self, most: int) -> None:
         """Set length and number of the next transfers, and the looks after them.
 
-        A step is at most twice as long as the one before. The last transfers before the end are equal: where less than one would
-        be left behind the series, the time to the end is divided by their number.
+        A step is at most twice as long as the one before. The last transfers before the end, and before mass enters at a stated
+        time, are equal: where less than one would be left behind the series, the time to there is divided by their number. A much
+        shorter transfer would start the next from contact forces that are too large.
         """
         control, longest = self.control, 2.0 * self.dt or math.inf
-        left = control.end_time - self.time
+        left = min(control.end_time, self.entering.stop if self.entering else math.inf) - self.time
         self.begun, self.made = self.time, 0
         self.dt = _on_ladder(min(self.engine.stable_step(), longest))
         self.substeps = self.scene.substep_count(self.dt, self.engine.max_speed)
@@ -330,6 +345,37 @@ class Run:
         self._keep_snapshots()
         if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
             self._observe()
+        self._let_enter()
+        self._go_to_next_mass()
+
+    def _let_enter(self) -> None:
+        """Let mass enter that is due. With a whole mass, maps get the columns before and after: it arrives at its own time."""
+        entering = self.entering
+        if self.reason or entering is None or entering.due > self.time + self._rounding:
+            return
+        before = self._columns() if entering.is_sudden(self.time) else None
+        unnumbered = entering.entered.particles
+        number = entering.update(self.engine, self.time, self.bed.born if self.bed else 0)
+        if self.bed:
+            self.bed.particles += entering.entered.particles - unnumbered
+        if number and before is not None:
+            self._note(self.time, before)
+            self._note(self.time, self._columns())
+            self.rest = AtRest()
+            self._observe()
+            self._end_series()
+
+    def _go_to_next_mass(self) -> None:
+        """Without any mass, go to the time at which some enters, or to the end: there is nothing to compute."""
+        while self.entering and self.entering.coming and not self.reason and self.ledger.rows[-1].mass == 0.0:
+            self.time, self.dt = min(self.entering.due, self.control.end_time), 0.0
+            self._end_series()
+            self.forces.due = max(self.forces.due, self.time)
+            self._keep_snapshots()
+            if self.time >= self.control.end_time - self._rounding:
+                self._observe()
+            else:
+                self._let_enter()
 
     def _erode(self, bed: ErodingBed) -> None:
         """Erode the bed up to the present time."""
@@ -378,7 +424,8 @@ class Run:
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
         row = self.engine.ledger()
-        self._record(self.bed.ledger(row) if self.bed else row, self.engine.memory_bytes())
+        row = self.bed.ledger(row) if self.bed else row
+        self._record(self.entering.ledger(row) if self.entering else row, self.engine.memory_bytes())
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
             self._note(self.time, self._columns())
@@ -391,7 +438,8 @@ class Run:
     def _record(self, row: LedgerRow, memory: int) -> None:
         """Add a row to the ledger; the run ends if the flow rests."""
         self.ledger.record(self.time, self.dt, row, memory)
-        if self.control.stop and self.rest.reached(row):
+        coming = self.entering is not None and self.entering.coming
+        if self.control.stop and self.rest.reached(row) and not coming:
             self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
 
     def _columns(self) -> RasterSums:
