@@ -13,6 +13,7 @@ from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
+from runout.model.inflow import Inflow
 from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.numerics import Numerics
@@ -33,10 +34,13 @@ def build_scene(
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
+    inflow: Inflow | Sequence[Inflow] = (),
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
 ) -> tuple[Scene, Any]:
     """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
+
+    Inflows are masses of the scene behind the releases; their particles are born later.
 
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
@@ -45,13 +49,15 @@ def build_scene(
     from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
+    from runout.release.inlet import mass_at
     from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare, sdf
     from runout.terrain.crest_window import Mass
 
-    releases = [release] if isinstance(release, Release) else list(release)
+    there = [release] if isinstance(release, Release) else list(release)
+    releases = [*there, *map(mass_at, inflows_of(inflow))]
     if not releases:
-        raise ReleaseError("no release is given; at least one is needed")
+        raise ReleaseError("neither a release nor an inflow is given; at least one is needed")
     basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
     frictions = basal_strength.frictions_under(releases, basal)
     spacing, particles_per_cell = numerics.spacing, numerics.particles_per_cell
@@ -79,7 +85,7 @@ def build_scene(
     )  # fmt: skip
     how = Sampling(spacing, per_axis, numerics.seed)
     press, wet = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed)
-    particles = ReleaseParticles(releases, materials, surface, how, press=press, wet=wet, settle=settled_in(scene))
+    particles = ReleaseParticles(there, materials[: len(there)], surface, how, press=press, wet=wet, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)
 
 
@@ -89,6 +95,20 @@ def _require_bearing(releases: Sequence[Release], materials: Sequence[Material])
         material.require_carries(float(release.thickness.max()), STANDARD_GRAVITY)
         if release.pore_pressure:
             release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
+
+
+def inflows_of(inflow: Any) -> list[Inflow]:
+    """The inflows of an argument that is one of them or a sequence.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else.
+    """
+    inflows = [inflow] if isinstance(inflow, Inflow) else list(inflow)
+    for one in inflows:
+        require_kind(Inflow, one, "inflow", "give runout.Inflow(...), or a list of them", ConfigError)
+    return inflows
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, expected_memory, require_memory, with_births
+from runout.forecast.memory import Extent, expected_memory, require_memory, with_births, with_inflow
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.bed import Bed
 from runout.model.friction import FrictionZones
+from runout.model.inflow import Inflow
 from runout.model.materials import Material
 from runout.model.numerics import Numerics
 from runout.model.pore_pressure import doubts
@@ -20,11 +21,14 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
+from runout.release.inlet import mass_at
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import eroding_bed
+from runout.simulation.inflow import sources_of
 from runout.simulation.result import Result
 from runout.simulation.run import Run, RunControl
-from runout.simulation.scenario import build_scene
+from runout.simulation.scenario import build_scene, inflows_of
 from runout.simulation.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
@@ -40,6 +44,7 @@ def simulate(
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
     bed: Bed | None = None,
+    inflow: Inflow | Sequence[Inflow] = (),
     bulking: float = 1.0,
     cell_size: float | tuple[float, float, float] | None = None,
     particles_per_cell: int | tuple[int, int, int] | None = None,
@@ -70,7 +75,7 @@ def simulate(
     ----------
     terrain : Terrain
     release : Release or sequence of Release
-        The masses that start to move; several must not overlap.
+        The masses that start to move; several must not overlap. Empty where an inflow is all there is.
     material : Material
         Material of every release without a material of its own.
     basal_friction_angle : float
@@ -83,6 +88,8 @@ def simulate(
         Buildings, walls, dams or galleries that the flow meets; the forces on them are ``Result.structure_forces``.
     bed : Bed, optional
         Erodible bed on the ground, which the flow takes up at the rate of a law.
+    inflow : Inflow or sequence of Inflow
+        Mass that enters at lines or over polygons while the run goes on; then ``release`` may be empty.
     bulking : float
         Volume of the deposit over that of its mass without stress [1], 0.1 to 10: multiplies the thickness of the deposit.
     cell_size : float or (dx, dy, dz)
@@ -147,26 +154,34 @@ def simulate(
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
-    grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
+    inflows = inflows_of(inflow)
+    masses = [*releases, *map(mass_at, inflows)]
+    grid = choices(accuracy, masses, {"cell_size": cell_size, "cfl": cfl})
     numerics = Numerics(
         **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
         initial_stress=initial_stress,
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:
-        whole = with_births(extent, bed, releases, numerics, basal_friction or basal_friction_angle)
+        whole = with_births(extent, bed, masses, numerics, basal_friction or basal_friction_angle)
+        whole = with_inflow(whole, inflows, numerics, end_time)
         require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
 
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
-        structures=named, accept=accept, in_chunks=True,
+        structures=named, inflow=inflows, accept=accept, in_chunks=True,
     )  # fmt: skip
-    for sentence in _statements(scene, [r.name for r in releases]):
+    for sentence in _statements(scene, [r.name for r in masses]):
         LOGGER.warning("%s", sentence)
     eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
-    key = run_key(scene, particles, control, type(engine).__name__, more=eroding) if checkpoint else ""
+    sources = sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)
+    entering = Entering(sources) if sources else None
+    for one in inflows:
+        for sentence in one.sentences(end_time, scene.spacing):
+            LOGGER.warning("%s", sentence)
+    key = run_key(scene, particles, control, type(engine).__name__, more=[part for part in (eroding, entering) if part]) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
-    run = Run(engine, scene, control, progress, keep, named, eroding)
+    run = Run(engine, scene, control, progress, keep, named, eroding, entering)
     n_particles = len(particles)
     run.start(particles)
     del particles

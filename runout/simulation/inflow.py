@@ -1,0 +1,307 @@
+"""Inflow of a run: the particles that a hydrograph brings to a line or a polygon (:mod:`runout.release.inlet` says when).
+
+At a line, a plane of particles stands as high as the flow and moves with its speed, as far from the line as it has gone since it was
+due. Nothing pushes it from behind, where the flow upstream would: it gets that momentum at once. The flow upstream presses with
+k g' H^2/2 by width and density (k: lateral over normal stress at rest, g' and H: gravity and thickness normal to the ground) and
+brings q u, so that mass at the speed
+
+    u + k g' H / (2 max(u, sqrt(g' H)/2))
+
+carries both. Slower than half the speed of long waves a flow is governed from downstream, and the push stays that of this speed.
+
+No mass enters where mass is. Columns of a plane that would stand in the flow, since it has backed up to the line, stand on it instead,
+and so do all particles over a polygon. The volume that stood on the flow at a line is booked.
+"""
+
+import logging
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from runout.backends.compile import array_binding
+from runout.backends.protocol import Backend, WindowBackend
+from runout.backends.state import State, put_arrays
+from runout.model.inflow import Inflow
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+from runout.release import inlet, stagger
+
+LOGGER = logging.getLogger(__name__)
+TOGETHER = 1.0  # cells that the flow goes at a line between two births
+CROWDED = 0.55  # of the thickness of a plane: where columns of the flow have more, its particles are looked at
+APART = 0.75  # of the distance of particles: those of a new column that are closer would stand in the flow
+
+
+class HydrographSource:
+    """Source of one inflow (:class:`runout.simulation.entering.Source`).
+
+    Parameters
+    ----------
+    inflow : Inflow
+    number : int
+        Of its mass among those of the scene.
+    spacing : tuple of float
+        Of the grid [m].
+    per_axis : tuple of int
+        Particles (px, py, pz) of a cell.
+    end_time : float
+        Of the run [s].
+    seed : int
+        Of the run, for random pore pressures.
+
+    Attributes
+    ----------
+    next : int
+        Number of the next birth.
+    entered, lifted : float
+        Volume that has entered, and that of it which stood on the flow at the line [m3].
+    """
+
+    sudden = False
+    reserved = 0
+    stop = math.inf
+
+    def __init__(
+        self, inflow: Inflow, number: int, spacing: tuple[float, float, float], per_axis: tuple[int, int, int], end_time: float,
+        seed: int = 0,
+    ):  # fmt: skip
+        inlet.require_wide(inflow, spacing)
+        self.inflow, self.number, self.seed, self.end_time = inflow, number, seed, end_time
+        self.how = inlet.Spacing.of(inflow, spacing, per_axis)
+        self.slope = inlet.slope_at(inflow) if inflow.line is not None else 0.0
+        self.path = inlet.path_of(inflow, self.slope) if inflow.line is not None else None
+        self.births = (
+            inlet.births_over_polygon(inflow, self.how)
+            if inflow.line is None
+            else inlet.births_at_line(inflow, self.how, self.slope)
+        )
+        self.group = max(1, round(TOGETHER * per_axis[0])) if inflow.line is not None else 1
+        self.before = np.concatenate([[0], np.cumsum(self.births.count)])  # particles before each birth
+        self.next, self.entered, self.lifted = 0, 0.0, 0.0
+        self._places: np.ndarray | None = None
+        self.scene: Scene | None = None
+
+    @property
+    def particles(self) -> int:
+        """Number of particles that enter in all until the end of the run."""
+        return int(self.before[np.searchsorted(self.births.time, self.end_time, "right")])
+
+    @property
+    def due(self) -> float:
+        """Time [s] of the last of the planes that are born next."""
+        if self.next >= len(self.births):
+            return math.inf
+        return float(self.births.time[min(self.next + self.group, len(self.births)) - 1])
+
+    @property
+    def coming(self) -> bool:
+        """Whether mass will enter before the end of the run."""
+        return self.due <= self.end_time
+
+    @property
+    def waiting_mass(self) -> float:
+        """Mass [kg] that will have entered at the end of the run and has not entered yet."""
+        if self.scene is None:
+            return 0.0
+        last = int(np.searchsorted(self.births.time, self.end_time, "right"))
+        left = self.births.count[self.next : last] @ self.births.volume[self.next : last]
+        return float(left * self.scene.densities[self.number])
+
+    def begin(self, scene: Scene) -> None:
+        """Take the scene of the run."""
+        self.scene = scene
+
+    def take(self, engine: Backend, time: float) -> Particles | None:
+        """Particles that are due up to a time [s]."""
+        last = int(np.searchsorted(self.births.time, time * (1.0 + 1e-12), "right"))
+        if last <= self.next:
+            return None
+        first, self.next = self.next, last
+        newborn = self._over_polygon(engine, first, last) if self.inflow.line is None else self._at_line(engine, first, last, time)
+        self.entered += float(newborn.volume.sum())
+        if last == len(self.births):
+            self._tell()
+        return newborn
+
+    def _tell(self) -> None:
+        """Log the volume that entered on top of the flow."""
+        if self.lifted > 0.0:
+            LOGGER.warning("%s", self.sentence())
+
+    def sentence(self) -> str:
+        """What a user should know of mass that stood on the flow; empty if there is none."""
+        if not self.lifted:
+            return ""
+        return (
+            f"inflow {self.inflow.name}: the flow backed up to the line; {self.lifted:.4g} of {self.entered:.4g} m3 entered on top of it. "
+            "The flow below is slower than the hydrograph states: state a lower velocity or a larger thickness, or move the line"
+        )
+
+    def _at_line(self, engine: Backend, first: int, last: int, time: float) -> Particles:
+        """Particles of some planes, as far from the line as they have gone since they were due."""
+        assert self.scene is not None and self.path is not None
+        births, terrain, direction = self.births, self.inflow.terrain, self.inflow.direction
+        places, index, rows, parts = [], [], [], []
+        for k in range(first, last):
+            planar = births.thickness[k] > 0.0
+            if planar:
+                share = (np.arange(self.how.columns) + 0.5) / self.how.columns
+            else:
+                share = inlet.shares_along(int(self.before[k]), int(births.count[k]))
+            gone = self._gone(time) - self._gone(births.time[k]) + 0.5 * self.how.along
+            places.append(self._on_line(share) + gone * direction)
+            columns = np.arange(len(share)) if planar else np.floor(share * self.how.columns).astype(np.int64)
+            index.append(np.column_stack([np.full(len(share), k), columns]))
+            rows.append(np.full(len(share), births.count[k] // len(share)))
+            parts.append(np.full(len(share), k))
+        plan = terrain.frame.to_local(np.concatenate(places))
+        return self._columns(engine, plan, np.concatenate(index), np.concatenate(rows), np.concatenate(parts))
+
+    def _gone(self, time: float) -> float:
+        """Path [m] of the flow at the line up to a time [s]; after the hydrograph it goes on at its last speed."""
+        assert self.path is not None
+        late = max(0.0, time - float(self.path.time[-1]))
+        return float(self.path.at(time)) + late * float(self.births.speed[-1])
+
+    def _on_line(self, share: np.ndarray) -> np.ndarray:
+        """Places (n, 2) [m] on the line in map coordinates, at shares (n,) [1] of its chord."""
+        line, width = self.inflow.line, self.inflow.width
+        along = (line - line[0]) @ (line[-1] - line[0]) / width
+        return np.column_stack([np.interp(share * width, along, line[:, axis]) for axis in range(2)])
+
+    def _columns(self, engine: Backend, plan: np.ndarray, index: np.ndarray, rows: np.ndarray, birth: np.ndarray) -> Particles:
+        """Particles of columns (n,) that stand at local places (n, 2) [m], with so many ``rows`` (n,) of some births (n,)."""
+        scene, births = self.scene, self.births
+        assert scene is not None and scene.ground is not None
+        thickness = np.where(births.thickness[birth] > 0.0, births.thickness[birth], births.volume[birth] / (self.how.along * self.how.across))
+        ground, east, north = scene.ground.evaluate(plan[:, 0], plan[:, 1])
+        lift = self._lifts(engine, plan, thickness)
+        column = np.repeat(np.arange(len(rows)), rows)
+        row = np.arange(len(column)) - np.repeat(np.cumsum(rows) - rows, rows)
+        height = (thickness / rows)[column]
+        above = (row + stagger.shares(index)[column]) * height
+        steep = np.sqrt(1.0 + east**2 + north**2)
+        z = ground[column] + lift[column] + above
+        newborn = self._particles(np.column_stack([plan[column], z]), births.volume[birth][column])
+        newborn.radius[:] = stagger.half_size(height) / steep[column]
+        newborn.velocity[:] = self._velocities(births.speed[birth], thickness, east, north)[column]
+        self.lifted += float(newborn.volume[(lift > 0.0)[column]].sum())
+        return newborn
+
+    def _particles(self, position: np.ndarray, volume: np.ndarray) -> Particles:
+        """Particles without stress at local positions (n, 3) [m], with the mass and the pore pressure of this inflow."""
+        scene = self.scene
+        assert scene is not None
+        raster, density = scene.raster, float(scene.densities[self.number])
+        limits = np.multiply((raster.columns, raster.rows), raster.cell_size)
+        position[:, :2] = np.clip(position[:, :2], 0.0, limits)
+        newborn = Particles.at(position, np.array(scene.spacing))
+        newborn.release[:] = self.number
+        newborn.mass[:] = (density * volume).astype(scene.dtype).astype(np.float64)
+        newborn.volume[:] = volume
+        pore = scene.pore_pressure[self.number] if scene.is_wet else None
+        if pore is not None:
+            ratio = pore.at(position[:, 0], position[:, 1], raster.cell_size, (self.seed, self.number))
+            newborn.pore_excess[:], newborn.pore_left[:] = ratio - pore.equilibrium(density), 1.0
+        return newborn
+
+    def _velocities(self, speed: np.ndarray, thickness: np.ndarray, east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        """Velocities (n, 3) [m/s] along the ground with slopes (n,) [1], with the push of the flow upstream."""
+        scene, (dx, dy) = self.scene, self.inflow.direction
+        assert scene is not None
+        rise, steep = dx * east + dy * north, np.sqrt(1.0 + east**2 + north**2)
+        gravity = np.maximum(0.0, (scene.gravity[0] * east + scene.gravity[1] * north - scene.gravity[2]) / steep)
+        along = speed * np.sqrt(1.0 + rise**2)
+        push = array_binding().inflow.push_of_flow(along, gravity, thickness / steep, scene.materials[self.number].rest_ratio)
+        factor = 1.0 + np.divide(push, along, out=np.zeros(len(along)), where=along > 0.0)
+        return (speed * factor)[:, None] * np.column_stack([np.full(len(rise), dx), np.full(len(rise), dy), rise])
+
+    def _lifts(self, engine: Backend, plan: np.ndarray, thickness: np.ndarray) -> np.ndarray:
+        """Heights (n,) [m] of the flow where new columns at local places (n, 2) [m] would stand in it; 0 elsewhere.
+
+        Particles are looked at only where the columns of the flow have more than a plane that left in time.
+        """
+        lift = np.zeros(len(plan))
+        crowded = np.flatnonzero(self._thickness_at(engine, plan) > CROWDED * thickness)
+        if not len(crowded):
+            return lift
+        scene = self.scene
+        assert scene is not None and scene.ground is not None
+        present = engine.particles()
+        x = present.position(np.array(scene.spacing))
+        reach = self.how.along + self.how.across
+        low, high = plan[crowded].min(axis=0) - reach, plan[crowded].max(axis=0) + reach
+        near = np.flatnonzero(((x[:, :2] >= low) & (x[:, :2] <= high)).all(axis=1))
+        ground, _, _ = scene.ground.evaluate(x[near, 0], x[near, 1])
+        top = x[near, 2] - ground + 0.5 * present.volume[near] / (self.how.along * self.how.across)
+        forwards = self.inflow.direction
+        sideways = np.array([-forwards[1], forwards[0]])
+        for column in crowded:
+            away = x[near, :2] - plan[column]
+            inside = (np.abs(away @ forwards) < APART * self.how.along) & (np.abs(away @ sideways) < APART * self.how.across)
+            lift[column] = max(0.0, float(top[inside].max(initial=0.0)))
+        return lift
+
+    def _thickness_at(self, engine: Backend, plan: np.ndarray) -> np.ndarray:
+        """Thickness (n,) [m] of the flow at local places (n, 2) [m], in cells of half the size of those of the grid."""
+        boxes = engine.lattice_columns().boxes if isinstance(engine, WindowBackend) else None
+        thickness = np.zeros(len(plan))
+        if boxes is None or self.scene is None:
+            return thickness
+        half = 0.5 * np.array(self.scene.spacing[:2])
+        i, j = (np.floor(plan / half).astype(np.int64) - (boxes.column, boxes.row)).T
+        _, rows, columns = boxes.sums.shape
+        inside = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
+        thickness[inside] = boxes.sums[0, j[inside], i[inside]] / half.prod()
+        return thickness
+
+    def _over_polygon(self, engine: Backend, first: int, last: int) -> Particles:
+        """Single particles on the flow, or on the ground, in a polygon; with a velocity they move down the slope."""
+        scene, births = self.scene, self.births
+        assert scene is not None and scene.ground is not None
+        if self._places is None:
+            self._places = self.inflow.terrain.frame.to_local(inlet.places_in(self.inflow.polygon, int(self.before[-1])))
+        plan = self._places[self.before[first] : self.before[last]]
+        birth = np.repeat(np.arange(first, last), births.count[first:last])
+        ground, east, north = scene.ground.evaluate(plan[:, 0], plan[:, 1])
+        steep, slope = np.sqrt(1.0 + east**2 + north**2), np.hypot(east, north)
+        size = births.volume[birth] / (self.how.along * self.how.across)
+        z = ground + self._top_of_flow(engine, plan) + 0.5 * size
+        newborn = self._particles(np.column_stack([plan, z]), births.volume[birth])
+        newborn.radius[:] = stagger.half_size(size) / steep
+        down = -np.column_stack([east, north]) / np.maximum(slope, 1e-12)[:, None]
+        horizontal = births.speed[birth] / np.sqrt(1.0 + slope**2)
+        newborn.velocity[:, :2] = horizontal[:, None] * down
+        newborn.velocity[:, 2] = -horizontal * slope
+        return newborn
+
+    def _top_of_flow(self, engine: Backend, plan: np.ndarray) -> np.ndarray:
+        """Thickness (n,) [m] of the flow around local places (n, 2) [m], the largest within half a cell."""
+        assert self.scene is not None
+        half = 0.5 * np.array(self.scene.spacing[:2])
+        around = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+        return np.max([self._thickness_at(engine, plan + np.array(step) * half) for step in around], axis=0)  # type: ignore[no-any-return]
+
+    def state(self) -> State:
+        """Births so far, and volumes."""
+        return {name: np.asarray(getattr(self, name)) for name in ("next", "entered", "lifted")}
+
+    def restore(self, state: State) -> None:
+        """Continue from :meth:`state`."""
+        put_arrays(self, state)
+
+    def content(self) -> Iterable[np.ndarray]:
+        """Births, places, and the mass."""
+        births = self.births
+        yield from (births.time, births.count, births.volume, births.thickness, births.speed)
+        yield from self.inflow.content()
+        yield np.array([self.number, self.how.along, self.how.across, self.how.layer])
+
+
+def sources_of(
+    inflows: Sequence[Inflow], first: int, spacing: tuple[float, float, float], per_axis: tuple[int, int, int], end_time: float,
+    seed: int,
+) -> list[HydrographSource]:  # fmt: skip
+    """Sources of the inflows of a run, whose masses are numbered from ``first`` on."""
+    return [HydrographSource(one, first + k, spacing, per_axis, end_time, seed) for k, one in enumerate(inflows)]
