@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from inspect import signature
 from typing import Any
 
@@ -15,12 +16,14 @@ from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFrict
 from runout.model.friction import FrictionZones
 from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
+from runout.model.nodal_surface import NodalSurface
 from runout.model.numerics import Numerics
 from runout.model.particle_source import gathered
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
+from runout.simulation.waiting_release import WaitingRelease, hold_back
 
 
 def build_scene(
@@ -35,18 +38,21 @@ def build_scene(
     structures: Structures | StructureField | None = None,
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
+    waiting: list[WaitingRelease] | None = None,
 ) -> tuple[Scene, Any]:
     """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
 
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
-    particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
+    particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`). The list ``waiting`` gets
+    the releases that start later: the scene has ground in their place, and they are not among the particles. Without the list all
+    releases lie in the scene.
     """
-    from runout.backends.initial_stress import InitialStress, pressed_by, wetted_by
+    from runout.backends.initial_stress import InitialStress, launched_by, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
     from runout.release.sample import Sampling, particles_per_axis
-    from runout.terrain import open_edge, prepare, sdf
+    from runout.terrain import open_edge, prepare
     from runout.terrain.crest_window import Mass
 
     releases = [release] if isinstance(release, Release) else list(release)
@@ -65,7 +71,7 @@ def build_scene(
     dug = [r.excavation for r in releases]
     least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
-    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
+    surface = _ground_dug(terrain, spacing[:2], mass, dug)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
         extent = expected_extent(releases, surface.surface, spacing, per_axis)
@@ -78,9 +84,19 @@ def build_scene(
         structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, numerics.seed)
-    press, wet = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed)
-    particles = ReleaseParticles(releases, materials, surface, how, press=press, wet=wet, settle=settled_in(scene))
+    press, wet, launch = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed), launched_by(scene, releases)
+    particles = ReleaseParticles(releases, materials, surface, how, press=press, wet=wet, settle=settled_in(scene), launch=launch)
+    if waiting is not None and any(r.waits for r in releases):
+        grounds = partial(_ground_dug, terrain, spacing[:2], mass)
+        scene, particles = hold_back(scene, particles, releases, grounds, waiting)
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _ground_dug(terrain: Terrain, spacing: tuple[float, float], mass: Any, dug: Sequence[np.ndarray]) -> NodalSurface:
+    """Sliding surface below some excavations (rows, columns) [m]."""
+    from runout.terrain import sdf
+
+    return sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing, mass)
 
 
 def _require_bearing(releases: Sequence[Release], materials: Sequence[Material]) -> None:

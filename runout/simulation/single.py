@@ -17,15 +17,18 @@ from runout.model.numerics import Numerics
 from runout.model.pore_pressure import doubts
 from runout.model.probes import Probes
 from runout.model.release import Release
+from runout.model.release_start import require_starts
 from runout.model.scene import Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import eroding_bed
 from runout.simulation.result import Result
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
 from runout.simulation.structure_forces import named_structures
+from runout.simulation.waiting_release import WaitingRelease
 
 LOGGER = logging.getLogger(__name__)
 
@@ -147,6 +150,7 @@ def simulate(
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
+    require_starts(releases, end_time)
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
     numerics = Numerics(
         **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
@@ -157,17 +161,20 @@ def simulate(
         whole = with_births(extent, bed, releases, numerics, basal_friction or basal_friction_angle)
         require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
 
+    waiting: list[WaitingRelease] = []
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
-        structures=named, accept=accept, in_chunks=True,
+        structures=named, accept=accept, in_chunks=True, waiting=waiting,
     )  # fmt: skip
     for sentence in _statements(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
     eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
-    key = run_key(scene, particles, control, type(engine).__name__, more=eroding) if checkpoint else ""
+    entering = Entering(waiting) if waiting else None
+    more = [part for part in (eroding, entering) if part]
+    key = run_key(scene, particles, control, type(engine).__name__, more=more) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
-    run = Run(engine, scene, control, progress, keep, named, eroding)
-    n_particles = len(particles)
+    run = Run(engine, scene, control, progress, keep, named, eroding, entering)
+    n_particles = len(particles) + (entering.reserved if entering else 0)
     run.start(particles)
     del particles
     loaded = clock.perf_counter()
