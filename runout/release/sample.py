@@ -10,7 +10,7 @@ import numpy as np
 
 from runout.errors import ConfigError, ReleaseError
 from runout.io.polygon_coverage import covered_area
-from runout.model.release import Release
+from runout.model.release import Placement, Release
 from runout.release.columns import THINNEST, Columns, column_thickness, local_outline
 
 __all__ = ["Sampling", "column_thickness", "count_particles", "particles_per_axis", "require_apart"]
@@ -72,10 +72,16 @@ def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[
 
 
 def require_apart(releases: list[Release]) -> None:
-    """Raise ReleaseError if releases lie on different rasters or overlap in plan."""
+    """Raise ReleaseError if releases lie on different rasters or overlap in plan.
+
+    Releases that start at different times may overlap, unless both are excavated: the same ground fails once.
+    """
     for a, b in itertools.combinations(releases, 2):
         if (a.terrain.shape, a.terrain.extent) != (b.terrain.shape, b.terrain.extent):
             raise ReleaseError(f"releases {a.name!r} and {b.name!r} are on different terrains; read both with the same one")
+        at_once = (a.start_time, a.starts_when) == (b.start_time, b.starts_when)
+        if not at_once and Placement.ON_SURFACE in (a.placement, b.placement):
+            continue
         area = _common_area(a, b)
         if area > THINNEST * min(a.area, b.area):
             raise ReleaseError(

@@ -14,11 +14,8 @@ import numpy as np
 
 from runout.backends.protocol import Backend, LedgerRow
 from runout.backends.reference.backend import compiled_loops
-from runout.backends.resting_particles import ReleaseParticles
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.model.particle_source import gathered
 from runout.model.particles import Particles
-from runout.model.release import Release
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
@@ -122,6 +119,11 @@ class Entering:
         return min(source.stop for source in self.sources)
 
     @property
+    def next_coming(self) -> float:
+        """Next time [s] at which a source is asked that will give mass whatever the flow does."""
+        return min((source.due for source in self.sources if source.coming), default=math.inf)
+
+    @property
     def coming(self) -> bool:
         """Whether mass will enter whatever the flow does."""
         return any(source.coming for source in self.sources)
@@ -150,7 +152,7 @@ class Entering:
                 own = self.first + self.reserved + self.entered.particles + born
                 self.entered.particles += len(particles)
             particles.identity = own + np.arange(len(particles), dtype=np.int64)
-            engine.add(particles)  # type: ignore[attr-defined]
+            engine.add(particles)
             self._book(particles)
             entered += len(particles)
         return entered
@@ -201,89 +203,3 @@ def energy_of(particles: Particles, scene: Scene) -> float:
     height = particles.position(np.array(scene.spacing)) @ np.array(scene.gravity)
     kinetic = 0.5 * particles.mass @ (particles.velocity**2).sum(axis=1)
     return float(kinetic - particles.mass @ height + particles.volume @ stored)
-
-
-@dataclass(frozen=True)
-class Closing:
-    """Ground in the place of an excavated release that waits: by how much its coefficients are higher than at the end.
-
-    Attributes
-    ----------
-    first : tuple of int
-        Node of ``height[0, 0]``.
-    height : ndarray (nx, ny)
-        [m].
-    """
-
-    first: tuple[int, int]
-    height: np.ndarray
-
-
-class WaitingRelease:
-    """A release that starts at a time.
-
-    Until then an excavated mass is ground: the flow of others goes over it. At its start the ground falls and the particles take
-    its place, below what has come to lie there. A release on the surface is not there before its start; it is then put on what
-    lies there, column by column.
-
-    Parameters
-    ----------
-    releases : sequence of Release
-        All of the run.
-    number : int
-        Of this one.
-    particles : ReleaseParticles
-        Of all releases.
-    mass : float
-        Of this one [kg].
-    closing : Closing or None
-        Ground in its place.
-
-    Attributes
-    ----------
-    started : float
-        Time at which it started [s]; NaN before.
-    """
-
-    sudden = True
-
-    def __init__(self, releases: Sequence[Release], number: int, particles: ReleaseParticles, mass: float, closing: Closing | None):
-        self.release, self.number, self.closing = releases[number], number, closing
-        self.particles, self.waiting_mass = particles, mass
-        self.reserved = len(particles.of([number], particles.filled[0].surface))
-        self.due = self.stop = self.release.start_time
-        self.coming, self.started = True, math.nan
-        self.scene: Scene | None = None
-
-    def begin(self, scene: Scene) -> None:
-        """Take the scene of the run."""
-        self.scene = scene
-
-    def take(self, engine: Backend, time: float) -> Particles | None:
-        """The particles of the release."""
-        return self._start(engine, time)
-
-    def _start(self, engine: Backend, time: float) -> Particles:
-        assert self.scene is not None
-        if self.closing:
-            engine.lower(self.closing.first, self.closing.height)  # type: ignore[attr-defined]
-        self.due = self.stop = math.inf
-        self.coming, self.waiting_mass, self.started = False, 0.0, time
-        LOGGER.info("release %s starts at %.4g s", self.release.name, time)
-        assert self.scene.ground is not None
-        return gathered(self.particles.of([self.number], self.scene.ground))  # type: ignore[arg-type]
-
-    def state(self) -> State:
-        """Start, and what follows from it."""
-        names = "due", "stop", "coming", "started", "waiting_mass"
-        return {name: np.asarray(getattr(self, name)) for name in names}
-
-    def restore(self, state: State) -> None:
-        """Continue from :meth:`state`."""
-        put_arrays(self, state)
-
-    def content(self) -> Iterable[np.ndarray]:
-        """Number and mass, and the ground in its place; the releases themselves are content of the particles."""
-        yield np.array([self.number, self.waiting_mass])
-        if self.closing:
-            yield from (np.array(self.closing.first), self.closing.height)

@@ -368,7 +368,7 @@ class Run:
     def _go_to_next_mass(self) -> None:
         """Without any mass, go to the time at which some enters, or to the end: there is nothing to compute."""
         while self.entering and self.entering.coming and not self.reason and self.ledger.rows[-1].mass == 0.0:
-            self.time, self.dt = min(self.entering.due, self.control.end_time), 0.0
+            self.time, self.dt = min(self.entering.next_coming, self.control.end_time), 0.0
             self._end_series()
             self.forces.due = max(self.forces.due, self.time)
             self._keep_snapshots()

@@ -18,6 +18,7 @@ from runout.model.numerics import Numerics
 from runout.model.pore_pressure import doubts
 from runout.model.probes import Probes
 from runout.model.release import Release
+from runout.model.release_start import require_starts
 from runout.model.scene import Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
@@ -30,6 +31,7 @@ from runout.simulation.result import Result
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene, inflows_of
 from runout.simulation.structure_forces import named_structures
+from runout.simulation.waiting_release import WaitingRelease
 
 LOGGER = logging.getLogger(__name__)
 
@@ -154,6 +156,7 @@ def simulate(
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
+    require_starts(releases, end_time)
     inflows = inflows_of(inflow)
     masses = [*releases, *map(mass_at, inflows)]
     grid = choices(accuracy, masses, {"cell_size": cell_size, "cfl": cfl})
@@ -167,22 +170,22 @@ def simulate(
         whole = with_inflow(whole, inflows, numerics, end_time)
         require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
 
+    waiting: list[WaitingRelease] = []
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
-        structures=named, inflow=inflows, accept=accept, in_chunks=True,
+        structures=named, inflow=inflows, accept=accept, in_chunks=True, waiting=waiting,
     )  # fmt: skip
-    for sentence in _statements(scene, [r.name for r in masses]):
+    said = [sentence for one in inflows for sentence in one.sentences(end_time, scene.spacing)]
+    for sentence in [*_statements(scene, [r.name for r in masses]), *said]:
         LOGGER.warning("%s", sentence)
     eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
     sources = sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)
-    entering = Entering(sources) if sources else None
-    for one in inflows:
-        for sentence in one.sentences(end_time, scene.spacing):
-            LOGGER.warning("%s", sentence)
-    key = run_key(scene, particles, control, type(engine).__name__, more=[part for part in (eroding, entering) if part]) if checkpoint else ""
+    entering = Entering([*waiting, *sources]) if waiting or sources else None
+    more = [part for part in (eroding, entering) if part]
+    key = run_key(scene, particles, control, type(engine).__name__, more=more) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
     run = Run(engine, scene, control, progress, keep, named, eroding, entering)
-    n_particles = len(particles)
+    n_particles = len(particles) + (entering.reserved if entering else 0)
     run.start(particles)
     del particles
     loaded = clock.perf_counter()
