@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, ValidationInfo, create_model
 
-from runout.config import bed, pore_pressure
+from runout.config import bed, inflow, pore_pressure
 from runout.config import friction as basal
 from runout.config.declared import sampled_in
 from runout.config.distributions import Distribution, Settings, within_range
@@ -18,7 +18,7 @@ from runout.model.limits import LIMITS, Range
 from runout.model.materials import Material
 
 DEFAULT_LAW = "drucker_prager"
-OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED
+OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED | inflow.SAMPLED
 
 
 class MaterialSettings(LawSettings):

@@ -11,6 +11,8 @@ from runout.config.distributions import Distribution, Settings, limited, quantit
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
+from runout.config.inflow import SETTINGS as INFLOW
+from runout.config.inflow import InflowSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.observations import OBSERVATIONS, ObservationSettings
 from runout.config.pore_pressure import PorePressureSettings
@@ -58,6 +60,13 @@ def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
         yield KEY, f"{ANGLE} is given too", "remove one of the two"
     elif not {ANGLE, KEY} & given.keys():
         yield ANGLE, "required key is missing", f"add it: friction angle of the mass on the ground [deg]; or {KEY}: {{law: ...}}"
+
+
+def mass_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+    """Neither a release nor an inflow."""
+    if not given.get("release") and not given.get("inflow"):
+        message = "the list is empty" if "release" in given else "required key is missing"
+        yield "release", message, "add it: a list of the masses that start to move; or inflow: [{line: ..., hydrograph: ...}]"
 
 
 def terrain_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
@@ -402,7 +411,8 @@ class SiteSettings(Settings):
     )
     terrain: TerrainSettings = quantity("the terrain")
     structures: list[StructureSettings] | None = STRUCTURES
-    release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
+    release: list[ReleaseSettings] = quantity("the masses that start to move, a list; none where an inflow is all there is", [])
+    inflow: list[InflowSettings] | None = INFLOW
     material: Annotated[SerializeAsAny[MaterialSettings], BeforeValidator(validated_material)] = quantity("the material")
     basal_friction_angle_deg: Degrees | None = limited(
         "basal_friction_angle", "friction angle of the mass on the ground", None, examples=[20.0]
@@ -432,4 +442,9 @@ class SiteSettings(Settings):
     @model_validator(mode="after")
     def _one_friction(self) -> "SiteSettings":
         _raise_first(friction_conflicts(self.model_dump(include={ANGLE, KEY}, exclude_none=True)))
+        return self
+
+    @model_validator(mode="after")
+    def _some_mass(self) -> "SiteSettings":
+        _raise_first(mass_conflicts({"release": self.release, "inflow": self.inflow}))
         return self

@@ -18,6 +18,7 @@ from runout.model.laws import LAWS
 if TYPE_CHECKING:
     from runout.model.bed import Bed
     from runout.model.friction import FrictionZones
+    from runout.model.inflow import Inflow
     from runout.model.materials import Material
     from runout.model.probes import Probes
     from runout.model.release import Release
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes, bed."""
+    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes, bed, inflows."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
@@ -35,6 +36,14 @@ class SiteData:
     structures: "Structures | None" = None
     probes: "Probes | None" = None
     bed: "Bed | None" = None
+    inflows: "tuple[Inflow, ...]" = ()
+
+    @property
+    def masses(self) -> "tuple[Release, ...]":
+        """Releases, and the masses of the inflows at their lines as forecasts see them."""
+        from runout.release.inlet import mass_at
+
+        return (*self.releases, *map(mass_at, self.inflows))
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,8 @@ class Site:
         files, releases, structures = self.files, self.releases(), None
         if may_hold_bodies(self.settings):
             structures = files.structures(of_members.grid_spacing(self.settings, releases))
-        return SiteData(files.terrain(), tuple(releases), files.zones(), structures, files.probes(), files.bed())
+        inflows = tuple(files.inflows().require()) if self.settings.inflow else ()
+        return SiteData(files.terrain(), tuple(releases), files.zones(), structures, files.probes(), files.bed(), inflows)
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""

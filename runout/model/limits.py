@@ -71,6 +71,8 @@ LIMITS = {
     "bed_depth": Range(0, 1000, "m", "depth is vertical, in metres", open_low=True),
     "bed_density": Range(1, 20000, "kg/m3"),
     "bed_depth_factor": Range(0, 100, hint="1 is the depth as stated", open_low=True),
+    "discharge_factor": Range(0, 100, hint="1 is the discharge as stated", open_low=True),
+    "inflow_delay": Range(0, 86400, "s", "it is added to the times of the hydrograph"),
     "bulking": Range(0.1, 10, hint="1 is a deposit as dense as the mass"),
     "obstacle_height": Range(-300, 300, "m"),
     "structure_height": Range(0, 1000, "m", "it is measured from the ground upwards", open_low=True),

@@ -362,6 +362,7 @@ class Run:
             self._note(self.time, before)
             self._note(self.time, self._columns())
             self.rest = AtRest()
+        if number and (before is not None or self.ledger.rows[-1].mass == 0.0):
             self._observe()
             self._end_series()
 
