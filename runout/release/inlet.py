@@ -162,8 +162,8 @@ def places_in(polygon: Any, count: int) -> np.ndarray:
     return found[:count]
 
 
-def mass_at(inflow: Inflow, end_time: float | None = None) -> Release:
-    """The mass of an inflow as forecasts see it: on the surface at the line, or in the polygon, as thick as at the most.
+def mass_at(inflow: Inflow) -> Release:
+    """The mass of an inflow as forecasts see it: on the surface at the line, or in the polygon, as thick and fast as at the most.
 
     It covers a strip of :data:`STRIP` cells of the terrain downslope of a line. Its volume is not that of the hydrograph.
 
@@ -186,6 +186,7 @@ def mass_at(inflow: Inflow, end_time: float | None = None) -> Release:
     return Release(
         thickness * cells, terrain, outline, Placement.ON_SURFACE, inflow.basal_friction_angle, inflow.material, inflow.name,
         inflow.source, edge=Edge.VERTICAL, basal_friction=inflow.basal_friction, pore_pressure=inflow.pore_pressure,
+        velocity=inflow.peak_speed(slope_at(inflow) if inflow.line is not None else 0.0),
     )  # fmt: skip
 
 
