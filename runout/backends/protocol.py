@@ -120,6 +120,34 @@ class Backend(Protocol):
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Load a scene and its particles, a chunk at a time."""
 
+    def add(self, particles: Particles) -> None:
+        """Add particles to those that are there, between two steps.
+
+        All sums since ``load``, counters, impulses and forces of the last step go on; the numbers of no other particle change.
+
+        Parameters
+        ----------
+        particles : Particles
+            In any state, of releases of the scene, with identities that no particle has or had.
+
+        Raises
+        ------
+        StabilityError, CapacityError
+            As by :meth:`load`, before anything has changed.
+        """
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the ground of the scene between two steps (:meth:`runout.model.nodal_surface.NodalSurface.lower`), in place.
+
+        Parameters
+        ----------
+        first : tuple of int
+            Node of ``depth[0, 0]``.
+        depth : ndarray (nx, ny)
+            By which the coefficients of the nodes fall [m]. The ground has room for them
+            (:meth:`runout.model.nodal_surface.NodalSurface.with_room`).
+        """
+
     @property
     def max_speed(self) -> float:
         """Largest speed [m/s] of any particle after the last step."""

@@ -39,6 +39,11 @@ class Sums(NamedTuple):
     mean_volume: float  # stress-free [m3], 0 without particles
 
 
+def joined_mean(mean: float, count: int, more: float, others: int) -> float:
+    """Mean over ``count`` values with one mean and ``others`` with another, ``more``; 0 without any."""
+    return (count * mean + others * more) / max(count + others, 1)
+
+
 @dataclass
 class Particles:
     """State of ``n`` particles.
@@ -148,6 +153,10 @@ class Particles:
     def sums(self, density: np.ndarray) -> Sums:
         """Sums over all particles, of releases with a ``density`` (releases,) [kg/m3]."""
         return Sums(float(self.mass.sum()), float(np.mean(self.mass / density[self.release])) if len(self) else 0.0)
+
+    def joined(self, more: "Particles") -> "Particles":
+        """These particles and ``more`` behind them; all keep their numbers."""
+        return Particles(**{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in ARRAYS})
 
     @staticmethod
     def concatenate(parts: "list[Particles]") -> "Particles":

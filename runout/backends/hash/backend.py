@@ -5,12 +5,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.batch import Batch
+from runout.backends.hash.batch import STEPS_PER_SORT, Batch
 from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.grid import bytes_of_areas
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, layers_of, room_for
 from runout.backends.hash.limits import largest_blocks, require_particles, room_within
+from runout.backends.hash.readback import KEPT
 from runout.backends.hash.structures import bytes_of_structures
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.state import State
@@ -58,6 +59,31 @@ class HashBackend(Batch):
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Take over a scene and its particles."""
         super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense)
+
+    def add(self, particles: Particles) -> None:
+        """Add particles to those that are there; sums and counters go on."""
+        scene, counters, present = self.parts.scenes.scenes[0], self.counters, self.particles()
+        with self._on_device():
+            kept = self.report.rows(self.parts)[:, :KEPT].copy()
+        before, old = self.parts.structures, self.accounts[0]
+        self.load(scene, present.joined(particles))
+        self.counters, account = counters, self.accounts[0]
+        account.contact_particles = old.contact_particles
+        with self._on_device():
+            self.report.kept.assign(kept)
+            if before is not None and self.parts.structures is not None:
+                for name in ("upper", "lower", "units"):
+                    getattr(self.parts.structures, name).assign(getattr(before, name))
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]; the next step sorts and cuts it anew."""
+        ground = self.parts.scenes.scenes[0].ground
+        assert ground is not None
+        assert self.parts.ground is not None
+        ground.lower(first, depth)
+        with self._on_device():
+            self.parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth))
+        self.since_sort = STEPS_PER_SORT
 
     def step(self, dt: float, substeps: int = 1) -> None:
         """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""

@@ -238,10 +238,10 @@ class Ground:
 
     def __init__(self, grounds: list[NodalSurface], spacing: tuple[float, float, float], reach: float, number: Any):
         self.coefficients, starts = self._joined([g.surface.coefficients for g in grounds])
-        self.changes, others = self._joined([g.change for g in grounds])
+        self.changes, self.first_change = self._joined([g.change for g in grounds])
         shapes = [
             (start, *g.surface.coefficients.shape, other, *g.first, *g.change.shape)
-            for start, other, g in zip(starts, others, grounds, strict=True)
+            for start, other, g in zip(starts, self.first_change, grounds, strict=True)
         ]
         self.shapes = wp.array(np.array(shapes, np.int32), dtype=wp.int32)
         self.lattices = wp.array(np.array([(*g.surface.origin, *g.surface.spacing) for g in grounds]), dtype=wp.float64)
@@ -260,6 +260,12 @@ class Ground:
                 require_index(first, "nodes of the ground")
         flat = np.concatenate([np.zeros(0), *(values for _, values in kept.values())])
         return wp.array(flat, dtype=wp.float64), [kept[id(table)][0] for table in tables]
+
+    def take_changes(self, ground: NodalSurface, row: int, rows: int, scene: int = 0) -> None:
+        """Bring so many rows of the changes of a scene's ``ground`` from the first ``row`` on to the device."""
+        first, width = self.first_change[scene], ground.change.shape[1]
+        values = np.ascontiguousarray(ground.change[row : row + rows]).ravel()
+        self.changes[first + row * width : first + (row + rows) * width].assign(values)
 
     def cut(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, scenes: SceneArrays) -> None:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""

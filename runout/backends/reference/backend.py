@@ -12,6 +12,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
+from runout.backends.loading import require_movable
 from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, layer_thicknesses, slow_columns
 from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
@@ -23,7 +24,7 @@ from runout.errors import StabilityError
 from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.laws import Law
 from runout.model.particle_source import ParticleSource, gathered
-from runout.model.particles import Particles, require_index_range
+from runout.model.particles import Particles, joined_mean, require_index_range
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline, contact, substeps
 
@@ -76,13 +77,30 @@ class ReferenceBackend:
         self.table, self.basal = scene.law.table(scene.materials, cell_size=min(scene.spacing)), scene.basal.table()
         self.pores = scene.pore_table()
         self._p = given.take(np.argsort(given.identity, kind="stable"))
-        self.particle_volume = given.sums(scene.densities).mean_volume
+        self.particle_volume, self.loaded = given.sums(scene.densities).mean_volume, len(given)
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse, self._dt = 0, np.zeros(3), 0.0
         self.structures = None
         if scene.structures:
             loops = compiled_loops(scene.law, numbers_of(0.0)[0])  # the law of a friction coefficient
             self.structures = StructureContacts(scene, scene.structures, loops, self._p)
+
+    def add(self, particles: Particles) -> None:
+        """Add particles to those that are there; sums and counters go on."""
+        require_movable(particles)
+        require_index_range(particles.node, self.scene.spacing)
+        more, volume = len(particles), particles.sums(self.scene.densities).mean_volume
+        self.particle_volume = joined_mean(self.particle_volume, self.loaded, volume, more)
+        self.loaded += more
+        both = self._p.joined(particles)
+        self._p = both.take(np.argsort(both.identity, kind="stable"))
+        if self.structures:
+            self.structures.add(particles.identity)
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]."""
+        assert self.scene.ground is not None
+        self.scene.ground.lower(first, depth)
 
     @property
     def max_speed(self) -> float:

@@ -43,6 +43,12 @@ class StructureContacts:
         """What the next step needs, by name."""
         return arrays_of(self, ("friction",), prefix)
 
+    def add(self, identity: np.ndarray) -> None:
+        """Particles with other identities (n,) join, without a force from a step before."""
+        both = np.concatenate([self.identity, identity])
+        order = np.argsort(both)
+        self.identity, self.force = both[order], np.concatenate([self.force, np.zeros((len(identity), 3))])[order]
+
     def touch(
         self, p: Particles, found: tuple[Contacts, np.ndarray], way: np.ndarray, stencils: Stencils, mass: np.ndarray,
         velocity: np.ndarray, dt: float, share: float,

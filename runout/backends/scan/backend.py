@@ -23,8 +23,10 @@ import numpy as np
 from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles
+from runout.backends.scan.addition import placed
 from runout.backends.scan.constants import Tables
-from runout.backends.scan.index import Index
+from runout.backends.scan.groups import Blocks, Ground
+from runout.backends.scan.index import Index, require_held
 from runout.backends.scan.kernels import entries_for, reads_nodes
 from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
@@ -36,15 +38,16 @@ from runout.backends.scan.waiting import wait_briefly
 from runout.backends.scan.workers import Workers
 from runout.backends.scan.workspace import Workspace
 from runout.backends.state import State, put_arrays
-from runout.errors import CapacityError, ConfigError, StabilityError
+from runout.errors import ConfigError, StabilityError
 from runout.model.particle_source import ParticleSource, slices
-from runout.model.particles import Particles, node_range, require_index_range
+from runout.model.particles import Particles, joined_mean, node_range, require_index_range
 from runout.model.scene import Scene
 from runout.physics.contact import kept_share
 from runout.physics.substeps import time_ahead
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
+TILE_NODES = 6  # along each side of the ground under a block
 PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload", "pack"  # the longest to compile come first
 OF_SUBSTEPS = "substep", "last_to_particles"  # parts of scenes with several substeps, which take longer still
 
@@ -88,6 +91,47 @@ class ScanBackend:
         del nodes
         self._place(particles, rank, found)
 
+    def add(self, particles: Particles) -> None:
+        """Add particles to those that are there: into slots of their blocks, for which a new index is made."""
+        if not len(particles):
+            return
+        nodes, speed = surveyed(particles)
+        corner, s, t = self.tables.constants.corner, self.store, self.tables
+        require_index_range(nodes, self.scene.spacing, corner)
+        self._require_slots()
+        index, slots = placed(s, self.index.blocks, nodes - corner.astype(np.int32), MOST_IN_A_BLOCK)
+        volume = particles.sums(self.scene.densities).mean_volume
+        t.particle_volume = joined_mean(t.particle_volume, len(s.particles.label), volume, len(particles))
+        s.join(slots, particles, self.scene, stamp_of(self.counters.steps))
+        self._pack_stress(slots)
+        self.workers.divide(len(s.particles.label))
+        if self.structures:
+            self.structures.join(len(particles))
+        self.totals.max_speed = max(self.totals.max_speed, speed)
+        self.counters.rebuilds += 1
+        self._rebuild(index, self.workspace)
+
+    def _pack_stress(self, slots: np.ndarray) -> None:
+        """Pack the records of some ``slots`` (m,), which hold no stress yet, for the time step of the others."""
+        t, real = self.tables, self.scene.dtype
+        alone = Index.of_size(1, 1).blocks._replace(held=np.array([len(slots)]))
+        self.k.change_step(self.store.particles._replace(order=slots), alone, t.moduli, real(t.packed_dt), t.constants.h)
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m], and the tiles of the blocks there."""
+        b, w, corner, ground = self.index.blocks, self.workspace, self.tables.constants.corner[:2], self.scene.ground
+        assert ground is not None
+        ground.lower(first, depth)
+        begin = corner + 4 * b.bxyz[: b.nown, :2]
+        owners = np.flatnonzero(((begin < np.add(first, depth.shape)) & (begin + TILE_NODES > first)).all(axis=1))
+        row = np.full(b.nown + 1, -1, np.int32)  # the last one stands for no block
+        row[owners] = np.arange(len(owners))
+        some = b._replace(nown=len(owners), bxyz=b.bxyz[owners], around=row[b.around[owners]])
+        tiles = Ground(*(values[owners] for values in w.ground))
+        self._cut_tiles(some, tiles)
+        for values, changed in zip(w.ground, tiles, strict=True):
+            values[owners] = changed
+
     @property
     def allowed(self) -> int:
         """Largest number of threads."""
@@ -104,9 +148,7 @@ class ScanBackend:
         Blocks are counted from the lowest node in use, so that a scene that is moved by whole cells gives the same bits.
         """
         b, n = found.blocks, len(rank)
-        if b.nown and b.held.max() > MOST_IN_A_BLOCK:
-            most = b.held.max()
-            raise CapacityError(f"a block of 64 cells holds {most} particles, at most {MOST_IN_A_BLOCK} fit; use smaller cells")
+        require_held(b.held, MOST_IN_A_BLOCK)
         before = b.first.copy()
         end = int(self.k.give_slots(b))
         slot = np.arange(n, dtype=np.int32)
@@ -126,6 +168,12 @@ class ScanBackend:
             self.index.join_ends(self.period)
         self._make_workspace(former)
 
+    def _require_slots(self) -> None:
+        """Close the gaps between the slots of blocks where a step might lack slots."""
+        s = self.store
+        if s.end + max(reserve(s.n), s.surge) > s.slots:
+            self._close_gaps()
+
     def _close_gaps(self) -> None:
         """Close the gaps between the slots of blocks; make more slots if that gains few."""
         b, s, k, steps = self.index.blocks, self.store, self.k, self.counters.steps
@@ -139,17 +187,23 @@ class ScanBackend:
 
     def _make_workspace(self, former: Workspace | None = None) -> None:
         """Arrays by block, after a rebuild."""
-        b, k, ground, t = self.index.blocks, self.k, self.scene.ground, self.tables
+        b, k, t = self.index.blocks, self.k, self.tables
         schedule = Schedule.of(b, self.workers.threads)
         contacts = former.contacts if former else None
         self.workspace = w = Workspace.of(b, schedule, self.scene, t.domain, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
         if self.structures:
             self.structures.find_near(b, t.constants)
-        if ground is not None:
-            surface, c = ground.surface, t.constants
-            origin, size = tuple(map(float, surface.origin)), tuple(map(float, surface.spacing))
-            k.cut_tiles(surface.coefficients, origin, size, ground.change, ground.first, b, c.corner, c.spacing, w.ground)
+        if self.scene.ground is not None:
+            self._cut_tiles(b, w.ground)
+
+    def _cut_tiles(self, blocks: Blocks, tiles: Ground) -> None:
+        """Cut the ground into the ``tiles`` of blocks."""
+        ground, c = self.scene.ground, self.tables.constants
+        assert ground is not None
+        surface = ground.surface
+        origin, size = tuple(map(float, surface.origin)), tuple(map(float, surface.spacing))
+        self.k.cut_tiles(surface.coefficients, origin, size, ground.change, ground.first, blocks, c.corner, c.spacing, tiles)
 
     @property
     def max_speed(self) -> float:
@@ -175,8 +229,7 @@ class ScanBackend:
         if self.index.travelled + 1 > MARGIN:
             self.counters.rebuilds += 1
             self._rebuild(self.index, self.workspace)
-        if s.end + max(reserve(s.n), s.surge) > s.slots:
-            self._close_gaps()
+        self._require_slots()
         clock("index")
         self._to_grid(dt, substeps)
         grid.drain(self.k, s, self.index.blocks, self.workspace, self.tables, self.scene)

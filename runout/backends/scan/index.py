@@ -67,7 +67,7 @@ class Index:
         if not len(node):
             return rank, cls.of_size(0, 0)
         low, high = (end >> 2 for end in node_range(node))
-        _require_table(((high + 1) >> 3) - ((low - 1) >> 3) + 1)
+        require_box(low, high)
         shape = high - low + 1
         keys = _keys(node, low, shape)
         order = np.argsort(keys, kind="stable")
@@ -159,6 +159,17 @@ def _keys(node: np.ndarray, low: np.ndarray, shape: np.ndarray) -> np.ndarray:
     block <<= 6
     block += cell
     return block
+
+
+def require_held(held: np.ndarray, most: int) -> None:
+    """Raise CapacityError if a block holds more particles than ``most``."""
+    if held.max(initial=0) > most:
+        raise CapacityError(f"a block of 64 cells holds {held.max()} particles, at most {most} fit; use smaller cells")
+
+
+def require_box(low: np.ndarray, high: np.ndarray) -> None:
+    """Raise CapacityError if the box from the block ``low`` (3,) to ``high`` is too large."""
+    _require_table(((high + 1) >> 3) - ((low - 1) >> 3) + 1)
 
 
 def _require_table(shape: np.ndarray) -> None:

@@ -99,6 +99,24 @@ class Store:
             moving = (_plain(p, name) for name in ("mass", "offset", "velocity", "affine", "history", "ground_force"))
             _loops().set_in_motion(self.particles, particle_index, slots, *moving, scene.spacing)
 
+    def join(self, slots: np.ndarray, p: Particles, scene: Scene, stamp: int) -> None:
+        """Put more particles into their ``slots`` (m,), after a step with this ``stamp``; as :meth:`put` does."""
+        old, loaded, total = self.particles, len(self.particles.label), len(self.particles.label) + len(p)
+        old.rec[slots], old.state[slots] = 0, 0
+        force, label = _zeros(total, 4, scene.dtype), np.zeros((total, 2), np.int32)
+        force[:loaded], force[loaded:, 0], label[:loaded] = old.force, stamp, old.label
+        self.radius = np.concatenate([self.radius, np.zeros(len(p), scene.dtype)])
+        self.particles = old._replace(force=force, radius=self.radius, label=label)
+        if self.pore_left is not None and self.pore_excess is not None:
+            excess = self.pore_excess if len(self.pore_excess) == loaded else np.repeat(self.pore_excess, loaded)
+            none = np.zeros(len(p), scene.dtype)
+            self.pore_left, self.pore_excess = np.concatenate([self.pore_left, none]), np.concatenate([excess, none])
+        by_index = np.zeros(total, np.int32)
+        by_index[loaded:] = slots
+        self.put(np.arange(loaded, total, dtype=np.int32), by_index, p, scene)
+        self.share_numbers()
+        self.n += len(p)
+
     def share_numbers(self) -> None:
         """Once all particles are there: one number for all radii if they are the same, and for all excess pressures."""
         self.particles = self.particles._replace(radius=_one_for_all(self.radius))
@@ -119,6 +137,18 @@ class Store:
             grown[name] = _slots(slots, before.shape[1:], before.dtype)
             grown[name][:old] = before[:old]
         self.particles = p._replace(**grown)
+
+    def move(self, source: np.ndarray, target: np.ndarray) -> None:
+        """Move the particles of the slots ``source`` (m,) to the free slots ``target`` (m,)."""
+        for name in ("rec", "state", "particle_index", "cell"):
+            values = getattr(self.particles, name)
+            values[target] = values[source]
+
+    def leave_hole(self, first: int, slots: int) -> None:
+        """Note so many slots that a block has left, if the list has room."""
+        if slots > 0 and self.n_holes < len(self.holes):
+            self.holes[self.n_holes] = first, slots
+            self.n_holes += 1
 
     def ground_force(self, particle_index: np.ndarray, steps: int) -> np.ndarray:
         """Force of the ground [N] on particles (n,) in the last of so many steps: (n, 3), zero for those that did not touch it."""

@@ -48,6 +48,10 @@ class Structures:
         """What the next step needs, by name."""
         return arrays_of(self, ("band",), prefix)
 
+    def join(self, particles: int) -> None:
+        """So many particles more, without a force from a step before."""
+        self.force = np.concatenate([self.force, np.zeros((particles, 4), self.force.dtype)])
+
     def find_near(self, blocks: Blocks, constants: Constants) -> None:
         """Find the blocks near structures, of a new index."""
         n, field = blocks.nown, self.scene_field
