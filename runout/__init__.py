@@ -24,6 +24,8 @@ _HOME = {
     "Terrain": "runout.model.terrain",
     "Release": "runout.model.release",
     "Placement": "runout.model.release",
+    "StartVelocity": "runout.model.release_start",
+    "Arrival": "runout.model.release_start",
     "Material": "runout.model.materials",
     "parameter": "runout.model.parameters",
     "register_law": "runout.model.laws",

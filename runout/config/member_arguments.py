@@ -7,6 +7,8 @@ from runout.config import bed, inflow
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.pore_pressure import sampled_pores
+from runout.config.release_start import sampled_ranges as sampled_starts_of
+from runout.config.release_start import sampled_starts
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
 from runout.forecast.accuracy import CellSize, choices
@@ -33,6 +35,7 @@ def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:
     if not sample:  # a site with an invalid material block has no material
         return {}
     ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
+    ranges |= sampled_starts_of(settings.release)
     unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
     if unknown:
         raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
@@ -49,7 +52,7 @@ def sampled_releases(settings: SiteSettings, releases: "Sequence[Release]", samp
     parameters = sampled(settings, sample)
     factor = parameters.get("release_volume_factor", 1.0)
     wetted = sampled_pores(SiteFriction(settings).under(releases, parameters), parameters)
-    return [r.scaled(factor) if factor != 1.0 else r for r in wetted]
+    return sampled_starts([r.scaled(factor) if factor != 1.0 else r for r in wetted], parameters)
 
 
 def sampled_inflows(settings: SiteSettings, inflows: "Sequence[Inflow]", sample: Sample | None = None) -> "list[Inflow]":

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runout.config import bed, inflow
+from runout.config import bed, inflow, release_start
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
@@ -127,6 +127,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
             where: Location = (inflow.INFLOW, i, "name")
             yield document.problem(where, f"two masses are called {name!r}", "give each its own name")
         yield from _own_friction(document, (inflow.INFLOW, i), one, sampled)
+    for i, key, message, fix in release_start.start_conflicts(document.values):
+        yield document.problem(("release", i, key), message, fix)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
         yield from _problems(document, ("terrain", "friction_zones", i), zone_conflicts(_stated(zone)) if zone else ())
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
@@ -142,6 +144,7 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     yield from _problems(document, ("ensemble", "parameters"), unused_samples([*releases, *inflows], sampled))
     yield from _problems(document, ("ensemble", "parameters"), inflow.foreign_parameters(document.values, sampled))
     yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))
+    yield from _problems(document, ("ensemble", "parameters"), release_start.foreign_parameters(document.values, sampled))
     foreign = foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)
     yield from _problems(document, ("ensemble", "parameters"), foreign)
 

@@ -28,6 +28,7 @@ from runout.config.quantities import (
     Text,
     Thickness,
 )
+from runout.config.release_start import START_TIME, START_VELOCITY, STARTS_WHEN, ArrivalSettings, Velocity
 from runout.config.remote import InputFile
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
@@ -257,6 +258,9 @@ class ReleaseSettings(Settings):
         None,
         examples=[{"ratio": 0.7, "saturation": 1.0, "diffusivity": 1.0e-3}],
     )
+    start_time: float | None = START_TIME
+    velocity: Velocity | None = START_VELOCITY
+    starts_when: ArrivalSettings | None = STARTS_WHEN
 
     @model_validator(mode="after")
     def _complete(self) -> "ReleaseSettings":
@@ -339,7 +343,8 @@ class EnsembleSettings(Settings):
     )
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
-        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); "
+        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); of "
+        "a release NAME start_time_NAME and start_speed_NAME; "
         "each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},

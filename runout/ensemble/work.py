@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.config import release_start
 from runout.ensemble.member import Member, simulate_alone, simulate_together
 from runout.ensemble.worker import Group, Task
 from runout.ensemble.workers import Share
@@ -43,10 +44,14 @@ class Work:
 
     @property
     def together(self) -> bool:
-        """Whether the members of a group share kernel launches (backend hash); those that erode a bed run alone."""
+        """Whether the members of a group share kernel launches (backend hash).
+
+        Members that erode a bed, or into which mass enters while they run, run alone.
+        """
         return (
             self.simulate is None
             and self.site.settings.bed is None
+            and not release_start.enters(self.site.settings)
             and (self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash")
         )
 

@@ -1,5 +1,6 @@
 """Release: the mass that starts to move, as thickness on the cells of the terrain."""
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from os import PathLike
@@ -175,6 +176,13 @@ class Release:
         if not whole.holds(volume):
             raise ReleaseError(f"{self.source}: volume is {volume:g} m3; {whole.allowed()}; check thickness and area")
 
+    @staticmethod
+    def _read(name: str, *of: Any, choices: dict[str, Any], **more: Any) -> "Release":
+        """What a reader makes of its arguments, with the start that ``choices`` state."""
+        start = {key: choices.pop(key) for key in ("start_time", "velocity", "starts_when") if key in choices}
+        release: Release = reader(name)(*of, **more, **choices)
+        return replace(release, **start) if start else release
+
     @classmethod
     def from_vector(
         cls,
@@ -189,11 +197,10 @@ class Release:
 
         ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] sets the thickness instead, or is
         checked against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
-        ``basal_friction_angle_deg``, ``pore_pressure``.
+        ``basal_friction_angle_deg``, ``pore_pressure``, ``start_time`` [s], ``velocity``, ``starts_when``.
         """
-        read = reader("Release.from_vector")
-        release: Release = read(path, terrain, thickness=thickness, volume=volume, placement=placement, **choices)
-        return release
+        more = {"thickness": thickness, "volume": volume, "placement": placement}
+        return cls._read("Release.from_vector", path, terrain, choices=choices, **more)
 
     @classmethod
     def from_raster(
@@ -207,10 +214,9 @@ class Release:
         """Release of a thickness raster [m] on any grid in any known coordinate system, resampled conservatively.
 
         ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``,
-        ``pore_pressure``.
+        ``pore_pressure``, ``start_time`` [s], ``velocity``, ``starts_when``.
         """
-        release: Release = reader("Release.from_raster")(path, terrain, volume=volume, placement=placement, **choices)
-        return release
+        return cls._read("Release.from_raster", path, terrain, choices=choices, volume=volume, placement=placement)
 
     @classmethod
     def from_array(
@@ -218,10 +224,17 @@ class Release:
     ) -> "Release":
         """Release of a thickness array [m] on the cells of the terrain, north-west corner first.
 
-        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``pore_pressure``, ``source``.
+        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``pore_pressure``, ``source``,
+        ``start_time`` [s], ``velocity``, ``starts_when``.
         """
-        release: Release = reader("Release.from_array")(thickness, terrain, placement=placement, **choices)
-        return release
+        return cls._read("Release.from_array", thickness, terrain, choices=choices, placement=placement)
+
+    @property
+    def start_speed(self) -> float:
+        """Speed [m/s] at the start; 0 at rest."""
+        if isinstance(self.velocity, StartVelocity):
+            return self.velocity.speed
+        return math.hypot(*self.velocity) if isinstance(self.velocity, tuple) else 0.0
 
     def friction_on(self, otherwise: BasalFriction | float) -> BasalFriction | float:
         """Basal friction under this mass, or its friction angle [rad]: its own, or that of the run."""

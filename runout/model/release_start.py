@@ -100,8 +100,10 @@ def checked_velocity(velocity: Any, what: str) -> "StartVelocity | tuple[float, 
     ReleaseError
         For something else, or a value out of range.
     """
-    if velocity is None or isinstance(velocity, StartVelocity):
-        return velocity
+    if isinstance(velocity, StartVelocity):
+        return velocity if velocity.speed else None
+    if velocity is None:
+        return None
     if isinstance(velocity, int | float) and not isinstance(velocity, bool):
         return StartVelocity(float(velocity)) if velocity else None
     components = tuple(velocity) if isinstance(velocity, Sequence | np.ndarray) and not isinstance(velocity, str) else ()

@@ -79,8 +79,7 @@ def require_apart(releases: list[Release]) -> None:
     for a, b in itertools.combinations(releases, 2):
         if (a.terrain.shape, a.terrain.extent) != (b.terrain.shape, b.terrain.extent):
             raise ReleaseError(f"releases {a.name!r} and {b.name!r} are on different terrains; read both with the same one")
-        at_once = (a.start_time, a.starts_when) == (b.start_time, b.starts_when)
-        if not at_once and Placement.ON_SURFACE in (a.placement, b.placement):
+        if may_overlap(a, b):
             continue
         area = _common_area(a, b)
         if area > THINNEST * min(a.area, b.area):
@@ -88,6 +87,12 @@ def require_apart(releases: list[Release]) -> None:
                 f"releases {a.name!r} ({a.source}) and {b.name!r} ({b.source}) overlap by {area:.6g} m2; "
                 "cut one of them back, or unite them in one file"
             )
+
+
+def may_overlap(a: Release, b: Release) -> bool:
+    """Whether two releases may overlap in plan: one is put on what lies there when it starts, later or earlier than the other."""
+    at_once = (a.start_time, a.starts_when) == (b.start_time, b.starts_when)
+    return not at_once and Placement.ON_SURFACE in (a.placement, b.placement)
 
 
 def _common_area(a: Release, b: Release) -> float:

@@ -110,7 +110,7 @@ def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
     """Warnings for readers of the maps, one sentence each."""
     of_the_grid = [*_coarse(study), *_thin(study), *_oscillating(study), *_unclosed(study)]
-    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *of_the_grid]
+    return [*_incomplete(study), *_lost_mass(study), *_never_released(study), *_unfinished(study, settings), *of_the_grid]
 
 
 def _incomplete(study: Study) -> list[str]:
@@ -131,6 +131,21 @@ def _lost_mass(study: Study) -> list[str]:
     return [
         f"In {_count(len(lost))} mass left the elevation raster (up to {number(lost['escaped_fraction'].max())} %)"
         f"{_open_cells(study)}; beyond the edge the runout is not known. Use a larger raster."
+    ]
+
+
+def _never_released(study: Study) -> list[str]:
+    """Members in which a release waited for the flow of another until the end."""
+    shares = [
+        float(ledger["waiting_mass"][-1] / (ledger["waiting_mass"][-1] + ledger["mass"][-1] + ledger["escaped_mass"][-1]))
+        for ledger in study.ledgers.values()
+        if "waiting_mass" in ledger and ledger["waiting_mass"][-1] > 0.0
+    ]
+    if not shares:
+        return []
+    return [
+        f"In {_count(len(shares))} a release that waits for the flow of another never started (up to {percent(max(shares))} of the "
+        "mass): the flow did not arrive, and the maps of these members are without it."
     ]
 
 
@@ -212,14 +227,16 @@ def energy_residual(ledger: Ledger) -> float:
     """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
-    released = float(ledger["potential_energy"][0] - ledger["potential_energy"].min())
+    potential = ledger["potential_energy"] - ledger.get("entered_energy", 0.0)
+    released = float(potential[0] - potential.min())
     return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
 
 
 def mass_error(ledger: Ledger) -> float:
-    """Largest relative change of the mass on the raster and beyond its edge [1]."""
-    total = ledger["mass"] + ledger["escaped_mass"]
-    return float(np.abs(total / total[0] - 1.0).max())
+    """Largest relative change of the mass on the raster and beyond its edge, less that which entered later [1]."""
+    whole = ledger["mass"] + ledger["escaped_mass"]
+    total = whole - ledger.get("entered_mass", 0.0)
+    return float(np.abs(total - total[0]).max() / whole.max())
 
 
 def balance(study: Study) -> dict[str, str]:

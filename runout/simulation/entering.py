@@ -6,9 +6,9 @@ A source waits beside the backend. When its time has come it gives particles, wh
 
 import logging
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -37,6 +37,10 @@ class Source(Protocol):
         Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew.
     waiting_mass : float
         Mass [kg] that it holds and may give; 0 if that is not known in advance.
+    name : str
+        For the record.
+    started : float
+        Time at which its first mass entered [s]; NaN before.
     reserved : int
         Number of particles that it will give at once and that are numbered in advance; 0 for a source that gives them by and by.
     """
@@ -46,6 +50,8 @@ class Source(Protocol):
     coming: bool
     sudden: bool
     waiting_mass: float
+    name: str
+    started: float
     reserved: int
 
     def begin(self, scene: Scene) -> None:
@@ -167,6 +173,14 @@ class Entering:
         entered = self.entered
         return replace(row, entered_mass=entered.mass, entered_energy=entered.energy, waiting_mass=self.waiting_mass)
 
+    def attributes(self) -> dict[str, Any]:
+        """For the record: name, time of the start [s], NaN for never, and mass that has not entered [kg], source by source."""
+        if not self.sources:
+            return {}
+        values = {"name": str, "started": float, "waiting_mass": float}
+        keys = "late_source", "late_source_start_time", "late_source_waiting_mass"
+        return {key: [kind(getattr(source, name)) for source in self.sources] for key, (name, kind) in zip(keys, values.items(), strict=True)}
+
     def content(self) -> Iterable[np.ndarray]:
         """Arrays that, with the scene, determine what enters."""
         for source in self.sources:
@@ -203,3 +217,10 @@ def energy_of(particles: Particles, scene: Scene) -> float:
     height = particles.position(np.array(scene.spacing)) @ np.array(scene.gravity)
     kinetic = 0.5 * particles.mass @ (particles.velocity**2).sum(axis=1)
     return float(kinetic - particles.mass @ height + particles.volume @ stored)
+
+
+def sentences(record: Mapping[str, Any]) -> Iterator[str]:
+    """What :meth:`Entering.attributes` of a run state, source by source."""
+    columns = (record.get(key, ()) for key in ("late_source", "late_source_start_time", "late_source_waiting_mass"))
+    for name, time, mass in zip(*columns, strict=True):
+        yield f"{name} never started, {mass:.4g} kg are never released" if math.isnan(time) else f"{name} started at {time:.4g} s"

@@ -73,6 +73,12 @@ class Result:
     structure_forces: StructureForces | None = None
     probes: ProbeSeries | None = None
 
+    @property
+    def never_started(self) -> list[str]:
+        """Names of the releases that waited until the end; their mass is ``waiting_mass`` of the ledger."""
+        times = zip(self.start.get("late_source", ()), self.start.get("late_source_start_time", ()), strict=True)
+        return [name for name, time in times if np.isnan(time)]
+
     @cached_property
     def state(self) -> Particles:
         """The particles at the end, in the order of their identity.
@@ -144,6 +150,7 @@ class Result:
         thickness, speed = (np.nan_to_num(self.fields[f"max_{name}"]) for name in ("flow_thickness", "speed"))
         deposit = np.nan_to_num(self.fields["deposit_thickness"])
         given = self.series["entrained_mass"][-1] / mass[0] if "entrained_mass" in self.series and mass[0] > 0 else None
+        whole = mass[0] + (self.series["entered_mass"][-1] if "entered_mass" in self.series else 0.0)
         bed = {} if given is None else self._facts_of_bed(given, area)
         return {
             "ended": f"{self.stop_reason} at {short(self.series['time'][-1], 's')}",
@@ -152,11 +159,19 @@ class Result:
             "largest speed": short(speed.max(), "m/s"),
             "area reached": short((thickness > 0).sum() * area, "m2"),
             "volume at the end": short(deposit.sum() * area, "m3"),
-            "escaped": f"{100 * (1 - mass[-1] / mass[0]):.3g} % of the mass" if mass[0] > 0 else "no mass",
+            "escaped": f"{100 * (1 - mass[-1] / whole):.3g} % of the mass" if whole > 0 else "no mass",
+            **self._facts_of_sources(),
             **bed,
             "resolution": self.depth_resolution.statement(),
             "snapshots": str(len(self.snapshots)),
         }
+
+    def _facts_of_sources(self) -> dict[str, str]:
+        """When releases that waited started, and which never did."""
+        from runout.simulation.entering import sentences
+
+        said = "; ".join(sentences(self.start))
+        return {"later": said} if said else {}
 
     def _facts_of_bed(self, share: float, area: float) -> dict[str, str]:
         """Volumes that the flow took up, and by which the ground is lower and higher; ``share`` of the released mass."""

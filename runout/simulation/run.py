@@ -200,7 +200,7 @@ class Run:
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
             particle_frames=self.particle_frames,
-            start=self.scene.start_attributes(),
+            start=self.scene.start_attributes() | (self.entering.attributes() if self.entering else {}),
             structure_forces=self.forces.result(),
             probes=self.probes.series(self.control.end_time, terrain, fields) if self.probes else None,
         )

@@ -86,7 +86,7 @@ class WaitingRelease:
 
     def __init__(self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, mass: float):
         self.release, self.number, self.particles, self.closing = release, number, particles, closing
-        self.waiting_mass, self.reserved = mass, len(particles)
+        self.name, self.waiting_mass, self.reserved = release.name, mass, len(particles)
         self.due = self.stop = release.start_time
         self.coming, self.started = True, math.nan
         self.scene: Scene | None = None

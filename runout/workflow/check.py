@@ -235,7 +235,11 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
 
 
 def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
+    from runout.release.sample import may_overlap
+
     for one, other in combinations(findings.releases, 2):
+        if may_overlap(one, other):
+            continue
         shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
         if shared and one.outline is not None and other.outline is not None:
             from runout.io.polygon_overlap import SLIVER
