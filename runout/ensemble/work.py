@@ -52,6 +52,7 @@ class Work:
             self.simulate is None
             and self.site.settings.bed is None
             and not release_start.enters(self.site.settings)
+            and not self.site.settings.inflow
             and (self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash")
         )
 

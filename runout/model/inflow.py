@@ -373,6 +373,11 @@ class Inflow:
         thickest = self.peak_thickness()
         return f"{said}; line of {self.width:.4g} m ({across:.3g} cells), {thickest:.3g} m thick at most ({thickest / dz:.2g} cells)"
 
+    def record(self) -> dict[str, float]:
+        """What products keep of it: volume [m3], peak discharge [m3/s], begin and end [s] of the hydrograph, width [m]."""
+        h = self.hydrograph
+        return {"volume": h.volume, "peak_discharge": h.peak, "begin": h.begin, "end": h.end, "width": self.width}
+
     def content(self) -> list[np.ndarray]:
         """All that particles depend on, as arrays."""
         h = self.hydrograph

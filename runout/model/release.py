@@ -1,6 +1,7 @@
 """Release: the mass that starts to move, as thickness on the cells of the terrain."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from os import PathLike
@@ -309,3 +310,8 @@ class Release:
         if self.outline is not None:
             return float(self.outline.area)
         return float((self.thickness > 0).sum() * self.terrain.cell_area)
+
+
+def thickness_of(releases: Sequence[Release], terrain: Terrain) -> np.ndarray:
+    """Thickness (rows, columns) [m] of all releases on a terrain together; 0 without any."""
+    return np.sum([np.zeros(terrain.shape), *(release.thickness for release in releases)], axis=0)  # type: ignore[no-any-return]

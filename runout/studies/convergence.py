@@ -182,7 +182,7 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
     Run-out is the horizontal distance from the centre of the released mass. Mass beyond the terrain counts as farther than all
     other; nan where run-out is not known for it.
     """
-    terrain, released = result.terrain, np.sum([release.thickness for release in releases], axis=0)
+    terrain, released = result.terrain, thickness_of(releases, terrain)
     rows, columns = terrain.shape
     x = (np.arange(columns) + 0.5) * terrain.cell_size[0]
     y = (rows - 0.5 - np.arange(rows)) * terrain.cell_size[1]
