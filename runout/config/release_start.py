@@ -44,7 +44,10 @@ Velocity = Annotated[
     Discriminator(shape),
 ]
 START_TIME: Any = limited(
-    TIME, "time at which this mass starts to move; until then it is ground if it is excavated, and not there else", None, examples=[12.0]
+    TIME,
+    "time at which this mass starts to move; until then it is ground if it is excavated, and not there else",
+    None,
+    examples=[12.0],
 )
 START_VELOCITY: Any = quantity(
     "velocity at the start: a speed down the slope, {speed, azimuth_deg}, or [east, north, up]", None, unit="m/s", examples=[8.0]

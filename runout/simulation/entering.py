@@ -179,7 +179,10 @@ class Entering:
             return {}
         values = {"name": str, "started": float, "waiting_mass": float}
         keys = "late_source", "late_source_start_time", "late_source_waiting_mass"
-        return {key: [kind(getattr(source, name)) for source in self.sources] for key, (name, kind) in zip(keys, values.items(), strict=True)}
+        return {
+            key: [kind(getattr(source, name)) for source in self.sources]
+            for key, (name, kind) in zip(keys, values.items(), strict=True)
+        }
 
     def content(self) -> Iterable[np.ndarray]:
         """Arrays that, with the scene, determine what enters."""
