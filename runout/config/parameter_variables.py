@@ -24,9 +24,7 @@ def parameter_variable(name: str) -> Variable:
     if name in VARIABLES:
         return VARIABLES[name]
     if valid := release_start.own_range(name):
-        of_time = name.startswith(release_start.TIME_OF)
-        release = name.removeprefix(release_start.TIME_OF if of_time else release_start.SPEED_OF)
-        return Variable(udunits(valid.unit), f"{'start time' if of_time else 'speed at the start'} of release {release}", dtype="float64")
+        return Variable(udunits(valid.unit), release_start.words_of(name), dtype="float64")
     declared = {p.key: _variable(p, "") for law in LAWS.known() for p in law.parameters if p.sampled}
     declared |= {PREFIX + p.key: _variable(p, "basal friction, ") for law in FRICTIONS.known() for p in law.parameters if p.sampled}
     declared |= {ERODES + p.key: _variable(p, "erosion, ") for law in EROSIONS.known() for p in law.parameters if p.sampled}

@@ -1,4 +1,4 @@
-"""Start of releases: what site.yaml states of time, velocity and trigger, and what an ensemble samples of it, release by release."""
+"""Start of releases: what site.yaml states of time, velocity and trigger, and what an ensemble samples of each release."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -44,14 +44,17 @@ Velocity = Annotated[
     Discriminator(shape),
 ]
 START_TIME: Any = limited(
-    TIME, "time at which this mass starts to move; until then it is ground if it is excavated, and not there else", None, examples=[12.0]
+    TIME,
+    "time at which this mass starts to move; until then an excavated mass is ground, one on the surface is not there",
+    None,
+    examples=[12.0],
 )
 START_VELOCITY: Any = quantity(
     "velocity at the start: a speed down the slope, {speed, azimuth_deg}, or [east, north, up]", None, unit="m/s", examples=[8.0]
 )
 STARTS_WHEN: Any = quantity(
-    "instead of start_time: this mass starts when the flow of another release arrives, {arrives: NAME, thickness: 0.1}; if it never "
-    "does, the mass stays out",
+    "instead of start_time: this mass starts when the flow of another release arrives, {arrives: NAME, thickness: 0.1}; if it "
+    "never does, the mass stays out",
     None,
     examples=[{"arrives": "upper", "thickness": 0.1}],
 )
@@ -82,6 +85,12 @@ def enters(settings: Any) -> bool:
 def own_range(key: str) -> Range | None:
     """Range of a sampled start time or speed of a release, by its key; None for other parameters."""
     return next((valid for prefix, valid in RANGES.items() if key.startswith(prefix) and key != prefix), None)
+
+
+def words_of(key: str) -> str:
+    """What a sampled parameter with :func:`own_range` is."""
+    what, prefix = ("start time", TIME_OF) if key.startswith(TIME_OF) else ("speed at the start", SPEED_OF)
+    return f"{what} of release {key.removeprefix(prefix)}"
 
 
 def sampled_ranges(releases: Sequence[Any]) -> dict[str, Range]:

@@ -32,7 +32,8 @@ def shape(release: Release) -> str:
 
 def _start(release: Release) -> str:
     """When and how fast a release starts, as the end of a sentence; empty for one that starts at once, at rest."""
-    when = f"starts {release.starts_when}" if release.starts_when else f"starts at {release.start_time:g} s" * bool(release.start_time)
+    when = f"starts {release.starts_when}" if release.starts_when else ""
+    when = f"starts at {release.start_time:g} s" if release.start_time else when
     parts = [when, _velocity(release)]
     return "".join(f", {part}" for part in parts if part)
 

@@ -23,7 +23,7 @@ from runout.backends.protocol import (
     free_memory,
     get_batch,
 )
-from runout.errors import CapacityError, RunoutError, StabilityError
+from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
 from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
@@ -77,7 +77,7 @@ def simulate_batch(
     Raises
     ------
     ConfigError
-        If scenarios differ in settings that they must share.
+        If scenarios differ in settings that they must share. A release that starts later than the run is the error of its scenario.
     DeviceError
         If the device does not exist.
     """
@@ -126,6 +126,7 @@ class _Job:
         started = clock.perf_counter()
         options = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
         release = options["release"]
+        _require_starts_at_once([release] if isinstance(release, Release) else list(release))
         options |= choices(options.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), options)
         times = tuple(sorted(options.pop("snapshot_times", ())))
         probes = options.pop("probes", None)
@@ -145,6 +146,16 @@ class _Job:
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         structures = named_structures(options.get("structures"))
         return cls(number, options["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, structures)
+
+
+def _require_starts_at_once(releases: Sequence[Release]) -> None:
+    """Raise ConfigError for a release that waits: mass cannot enter one of the scenes of a launch."""
+    for release in releases:
+        if release.waits:
+            alone = 'simulate it alone, with runout.simulate(backend="hash")'
+            raise ConfigError(
+                f"release {release.name} starts later than the run; scenarios that share launches start together: {alone}"
+            )
 
 
 class _Launch:

@@ -20,6 +20,7 @@ from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
 ROUNDING = 1e-12  # of times, relative
+RECORDED = "late_source", "late_source_start_time", "late_source_waiting_mass"  # attributes of a run
 
 
 class Source(Protocol):
@@ -177,9 +178,8 @@ class Entering:
         """For the record: name, time of the start [s], NaN for never, and mass that has not entered [kg], source by source."""
         if not self.sources:
             return {}
-        values = {"name": str, "started": float, "waiting_mass": float}
-        keys = "late_source", "late_source_start_time", "late_source_waiting_mass"
-        return {key: [kind(getattr(source, name)) for source in self.sources] for key, (name, kind) in zip(keys, values.items(), strict=True)}
+        values = ([s.name for s in self.sources], [s.started for s in self.sources], [s.waiting_mass for s in self.sources])
+        return dict(zip(RECORDED, values, strict=True))
 
     def content(self) -> Iterable[np.ndarray]:
         """Arrays that, with the scene, determine what enters."""
@@ -221,6 +221,6 @@ def energy_of(particles: Particles, scene: Scene) -> float:
 
 def sentences(record: Mapping[str, Any]) -> Iterator[str]:
     """What :meth:`Entering.attributes` of a run state, source by source."""
-    columns = (record.get(key, ()) for key in ("late_source", "late_source_start_time", "late_source_waiting_mass"))
+    columns = (np.atleast_1d(record.get(key, ())) for key in RECORDED)
     for name, time, mass in zip(*columns, strict=True):
         yield f"{name} never started, {mass:.4g} kg are never released" if math.isnan(time) else f"{name} started at {time:.4g} s"

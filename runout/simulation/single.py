@@ -193,7 +193,7 @@ def simulate(
     run.seconds += clock.perf_counter() - loaded
     result = run.result(terrain, n_particles, loaded - started)
     for name in result.never_started:
-        LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is booked as never released", name)
+        LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
     if keep:
         keep.remove()
     if result.depth_resolution.is_coarse:

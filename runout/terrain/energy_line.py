@@ -14,7 +14,8 @@ def largest_speed(releases: Sequence[Release], angles: Sequence[float]) -> float
     """Estimate of the largest speed [m/s] of masses, each against friction of its angle [rad].
 
     v^2 = 2 g (line - ground) below the energy line (Heim 1932) from the centre of each mass, with distances in plan from
-    there, on the cells that the masses can reach. The line of a mass that starts with a speed v_0 begins v_0^2 / 2 g higher. On nine flows the fastest particle had 0.91 to 1.09 of it (docs/theory).
+    there, on the cells that the masses can reach. The line of a mass that starts with a speed v_0 begins v_0^2 / 2 g higher. On
+    nine flows the fastest particle had 0.91 to 1.09 of it (docs/theory).
 
     Parameters
     ----------
@@ -34,9 +35,10 @@ def largest_speed(releases: Sequence[Release], angles: Sequence[float]) -> float
 
 
 def _reach(ground: np.ndarray, thickness: np.ndarray, cell_size: tuple[float, float], angle: float, head: float) -> np.ndarray:
-    """Cells that masses can reach by the energy line from a ``head`` [m] above their highest point, as :func:`runout.terrain.prepare.reachable`.
+    """Cells that masses can reach by the energy line from a ``head`` [m] above their highest point.
 
-    Distances count from the box of the masses, which is simpler than from their outline, and reaches no less.
+    As :func:`runout.terrain.prepare.reachable`. Distances count from the box of the masses, which is simpler than from their
+    outline, and reaches no less.
     """
     (dx, dy), mass = cell_size, thickness > 0
     north, east = _aside(thickness.sum(axis=1), dy), _aside(thickness.sum(axis=0), dx)
