@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes, bed, inflows."""
+    """Inputs that all members share: terrain, releases of volume factor 1, friction zones, structures, probes, bed, inflows."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"

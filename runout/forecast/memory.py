@@ -195,7 +195,7 @@ def with_births(
 
 
 def with_inflow(extent: Extent, inflows: Sequence[Inflow], numerics: Numerics, end_time: float) -> Extent:
-    """The counts with all particles that inflows bring until ``end_time`` [s], in place of those that stand for them at the line."""
+    """The counts with all particles that inflows bring until ``end_time`` [s], instead of those that stand for them at the line."""
     if not inflows:
         return extent
     from runout.release.inlet import mass_at

@@ -1,7 +1,7 @@
 """Inflow of a run: the particles that a hydrograph brings to a line or a polygon (:mod:`runout.release.inlet` says when).
 
-At a line, a plane of particles stands as high as the flow and moves with its speed, as far from the line as it has gone since it was
-due. Nothing pushes it from behind, where the flow upstream would: it gets that momentum at once. The flow upstream presses with
+At a line, a plane of particles stands as high as the flow and moves with its speed, as far from the line as it has gone since it
+was due. Nothing pushes it from behind, where the flow upstream would: it gets that momentum at once. The flow upstream presses with
 k g' H^2/2 by width and density (k: lateral over normal stress at rest, g' and H: gravity and thickness normal to the ground) and
 brings q u, so that mass at the speed
 
@@ -9,8 +9,8 @@ brings q u, so that mass at the speed
 
 carries both. Slower than half the speed of long waves a flow is governed from downstream, and the push stays that of this speed.
 
-No mass enters where mass is. Columns of a plane that would stand in the flow, since it has backed up to the line, stand on it instead,
-and so do all particles over a polygon. The volume that stood on the flow at a line is booked.
+No mass enters where mass is. Columns of a plane that would stand in the flow, since it has backed up to the line, stand on it
+instead, and so do all particles over a polygon. The volume that stood on the flow at a line is booked.
 """
 
 import logging
@@ -52,6 +52,10 @@ class HydrographSource:
 
     Attributes
     ----------
+    name : str
+        Of the inflow.
+    started : float
+        Time [s] of the first birth; NaN before.
     next : int
         Number of the next birth.
     entered, lifted : float
@@ -61,6 +65,7 @@ class HydrographSource:
     sudden = False
     reserved = 0
     stop = math.inf
+    waiting_mass = 0.0  # it holds none: the sentences of the inflow say what comes after the end of the run
 
     def __init__(
         self, inflow: Inflow, number: int, spacing: tuple[float, float, float], per_axis: tuple[int, int, int], end_time: float,
@@ -78,35 +83,28 @@ class HydrographSource:
         )
         self.group = max(1, round(TOGETHER * per_axis[0])) if inflow.line is not None else 1
         self.before = np.concatenate([[0], np.cumsum(self.births.count)])  # particles before each birth
+        self.last = int(np.searchsorted(self.births.time, end_time, "right"))  # births until the end of the run
         self.next, self.entered, self.lifted = 0, 0.0, 0.0
+        self.name, self.started = inflow.name, math.nan
         self._places: np.ndarray | None = None
         self.scene: Scene | None = None
 
     @property
     def particles(self) -> int:
         """Number of particles that enter in all until the end of the run."""
-        return int(self.before[np.searchsorted(self.births.time, self.end_time, "right")])
+        return int(self.before[self.last])
 
     @property
     def due(self) -> float:
         """Time [s] of the last of the planes that are born next."""
-        if self.next >= len(self.births):
+        if self.next >= self.last:
             return math.inf
-        return float(self.births.time[min(self.next + self.group, len(self.births)) - 1])
+        return float(self.births.time[min(self.next + self.group, self.last) - 1])
 
     @property
     def coming(self) -> bool:
         """Whether mass will enter before the end of the run."""
-        return self.due <= self.end_time
-
-    @property
-    def waiting_mass(self) -> float:
-        """Mass [kg] that will have entered at the end of the run and has not entered yet."""
-        if self.scene is None:
-            return 0.0
-        last = int(np.searchsorted(self.births.time, self.end_time, "right"))
-        left = self.births.count[self.next : last] @ self.births.volume[self.next : last]
-        return float(left * self.scene.densities[self.number])
+        return self.next < self.last
 
     def begin(self, scene: Scene) -> None:
         """Take the scene of the run."""
@@ -118,6 +116,7 @@ class HydrographSource:
         if last <= self.next:
             return None
         first, self.next = self.next, last
+        self.started = time if math.isnan(self.started) else self.started
         newborn = self._over_polygon(engine, first, last) if self.inflow.line is None else self._at_line(engine, first, last, time)
         self.entered += float(newborn.volume.sum())
         if last == len(self.births):
@@ -133,9 +132,10 @@ class HydrographSource:
         """What a user should know of mass that stood on the flow; empty if there is none."""
         if not self.lifted:
             return ""
+        volumes = f"{self.lifted:.4g} of {self.entered:.4g} m3 entered on top of it"
         return (
-            f"inflow {self.inflow.name}: the flow backed up to the line; {self.lifted:.4g} of {self.entered:.4g} m3 entered on top of it. "
-            "The flow below is slower than the hydrograph states: state a lower velocity or a larger thickness, or move the line"
+            f"inflow {self.name}: the flow backed up to the line; {volumes}. The flow below is slower than the hydrograph states: "
+            "state a lower velocity or a larger thickness, or move the line"
         )
 
     def _at_line(self, engine: Backend, first: int, last: int, time: float) -> Particles:
@@ -174,7 +174,8 @@ class HydrographSource:
         """Particles of columns (n,) that stand at local places (n, 2) [m], with so many ``rows`` (n,) of some births (n,)."""
         scene, births = self.scene, self.births
         assert scene is not None and scene.ground is not None
-        thickness = np.where(births.thickness[birth] > 0.0, births.thickness[birth], births.volume[birth] / (self.how.along * self.how.across))
+        single = births.volume[birth] / (self.how.along * self.how.across)
+        thickness = np.where(births.thickness[birth] > 0.0, births.thickness[birth], single)
         ground, east, north = scene.ground.evaluate(plan[:, 0], plan[:, 1])
         lift = self._lifts(engine, plan, thickness)
         column = np.repeat(np.arange(len(rows)), rows)
@@ -281,11 +282,12 @@ class HydrographSource:
         assert self.scene is not None
         half = 0.5 * np.array(self.scene.spacing[:2])
         around = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-        return np.max([self._thickness_at(engine, plan + np.array(step) * half) for step in around], axis=0)  # type: ignore[no-any-return]
+        found: np.ndarray = np.max([self._thickness_at(engine, plan + np.array(step) * half) for step in around], axis=0)
+        return found
 
     def state(self) -> State:
         """Births so far, and volumes."""
-        return {name: np.asarray(getattr(self, name)) for name in ("next", "entered", "lifted")}
+        return {name: np.asarray(getattr(self, name)) for name in ("next", "entered", "lifted", "started")}
 
     def restore(self, state: State) -> None:
         """Continue from :meth:`state`."""

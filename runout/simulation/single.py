@@ -191,6 +191,7 @@ def simulate(
     loaded = clock.perf_counter()
     run.go()
     run.seconds += clock.perf_counter() - loaded
+    n_particles += entering.entered.particles if entering else 0
     result = run.result(terrain, n_particles, loaded - started)
     for name in result.never_started:
         LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
