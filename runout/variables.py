@@ -236,6 +236,8 @@ _ENSEMBLE = {
     "bed_depth_factor": Variable("1", "factor on the depth of the erodible bed", dtype="float64"),
     "bed_density": Variable("kg m-3", "density of the erodible bed", dtype="float64"),
     "bed_pore_pressure_ratio": Variable("1", "pore pressure over total normal stress in the erodible bed", dtype="float64"),
+    "discharge_factor": Variable("1", "factor on the discharge of the inflows", dtype="float64"),
+    "inflow_delay": Variable("s", "time that is added to the hydrographs of the inflows", dtype="float64"),
     "bulking": Variable("1", "volume of the deposit over that of its mass", dtype="float64"),
 }
 
