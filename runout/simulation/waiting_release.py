@@ -154,7 +154,8 @@ class TriggeredRelease(WaitingRelease):
         super().__init__(release, number, particles, closing, mass)
         assert release.starts_when is not None
         self.trigger: Arrival = release.starts_when
-        self.other, self.before = other, None  # type: tuple[int, WaitingRelease | None]
+        self.other = other
+        self.before: WaitingRelease | None = None
         self.inside = release.thickness > 0.0  # (rows, columns)
         self.due, self.stop, self.coming = 0.0, math.inf, False
 
@@ -250,13 +251,10 @@ def hold_back(
         ground.lower(closing.first, -closing.height)
     names = [release.name for release in releases]
     for number in later:
-        own, release, closing = particles.of([number], ground), releases[number], closings.get(number)
-        mass = own.sums(scene.densities).mass
-        if release.starts_when is None:
-            waiting.append(WaitingRelease(release, number, own, closing, mass))
-        else:
-            other = names.index(release.starts_when.arrives)
-            waiting.append(TriggeredRelease(release, number, own, closing, mass, other))
+        own, release = particles.of([number], ground), releases[number]
+        stated = release, number, own, closings.get(number), own.sums(scene.densities).mass
+        trigger = release.starts_when
+        waiting.append(TriggeredRelease(*stated, names.index(trigger.arrives)) if trigger else WaitingRelease(*stated))
     by_number = {source.number: source for source in waiting}
     for source in waiting:
         if isinstance(source, TriggeredRelease):
