@@ -135,6 +135,19 @@ def test_a_release_starts_when_the_flow_of_another_arrives(backend):
 
 
 @EACH
+def test_mass_is_booked_to_rounding_in_single_precision(backend):
+    """What enters is the mass of the particles as the backend has them; the skipped time before counts in no step."""
+    late = [mass(start_time=1.0, velocity=3.0), mass("second", rows=(17, 23), start_time=1.5)]
+    result = run(late, backend, precision="float32", end_time=2.5)
+    assert result.series["mass"][0] == 0.0
+    assert budget(result)[0] < 1e-12
+    assert np.diff(result.series["time"]).max() == 1.0
+    mean = result.depth_resolution.__dict__
+    alone = run([replace(late[0], start_time=0.0)], backend, precision="float32", end_time=1.5).depth_resolution.__dict__
+    assert mean["viscosity"] == pytest.approx(alone["viscosity"], rel=0.1)
+
+
+@EACH
 def test_a_release_that_is_never_reached_stays_out_and_is_said(backend, caplog):
     beside = mass("beside", rows=(19, 22), starts_when=Arrival("upper"))
     with caplog.at_level(logging.WARNING):
