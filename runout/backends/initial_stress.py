@@ -69,16 +69,17 @@ def launched_by(scene: Scene, releases: list[Release]) -> Launch | None:
     """Function that sets the velocity of particles of a release. None if all start at rest."""
     if not any(r.velocity for r in releases):
         return None
-    assert scene.ground is not None
     for release in releases:
         if isinstance(release.velocity, StartVelocity):
-            release.velocity.direction(release, scene.ground)  # refuses level ground
+            release.velocity.direction(release)  # refuses level ground
+    ground = scene.ground
+    assert ground is not None
 
     def launch(particles: Particles, number: int) -> None:
         velocity = releases[number].velocity
         if isinstance(velocity, StartVelocity):
             x, y, _ = particles.position(np.array(scene.spacing)).T
-            particles.velocity = velocity.at(releases[number], scene.ground, x, y)
+            particles.velocity = velocity.at(releases[number], ground, x, y)
         elif velocity is not None:
             particles.velocity = np.tile(np.array(velocity), (len(particles), 1))
 

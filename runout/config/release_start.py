@@ -1,5 +1,6 @@
 """Start of releases: what site.yaml states of time, velocity and trigger, and what an ensemble samples of each release."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -129,9 +130,8 @@ def start_conflicts(site: Any) -> Iterator[tuple[int, str, str, str]]:
             yield number, TRIGGER, f"{TIME} is given too", "remove one of the two"
         trigger = release.get(TRIGGER)
         other = trigger.get("arrives") if isinstance(trigger, dict) else None
-        time = release.get(TIME)
-        starts.append((name, float(time) if is_number(time) else 0.0, Arrival(other) if isinstance(other, str) else None))
-    latest = float(end) if is_number(end) else float("inf")  # type: ignore[arg-type]
+        starts.append((name, _number(release.get(TIME), 0.0), Arrival(other) if isinstance(other, str) else None))
+    latest = _number(end, math.inf)
     for number, _, key, message, remedy in start_problems(starts, latest):
         yield number, key, message, remedy
 
@@ -152,8 +152,8 @@ def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[
             yield key, f"release {name} {TRIGGER} the flow of another arrives, not at a time", "remove one of the two"
         elif prefix == SPEED_OF and isinstance(releases[name].get(VELOCITY), list):
             yield key, f"the velocity of release {name} has three components", f"state {VELOCITY}: {{speed, azimuth_deg}}"
-        elif prefix == TIME_OF and is_number(end) and (latest := _largest(sampled[key])) >= end:  # type: ignore[operator]
-            yield key, f"it can give {latest:g} s; the run ends at {end:g} s", "narrow it, or set simulation.end_time later"
+        elif prefix == TIME_OF and (latest := _largest(sampled[key])) >= (last := _number(end, math.inf)):
+            yield key, f"it can give {latest:g} s; the run ends at {last:g} s", "narrow it, or set simulation.end_time later"
 
 
 def _releases(site: Any) -> list[dict[str, Any]]:
@@ -165,4 +165,9 @@ def _largest(distribution: Any) -> float:
     """Largest number of a distribution as it is stated; minus infinity if it states none."""
     block = distribution if isinstance(distribution, dict) else {}
     values = block.get("values") if isinstance(block.get("values"), list) else [block.get("high")]
-    return max((float(v) for v in values or [] if is_number(v)), default=float("-inf"))
+    return max((_number(value, -math.inf) for value in values or []), default=-math.inf)
+
+
+def _number(value: Any, otherwise: float) -> float:
+    """A number of site.yaml, or another one where it states none."""
+    return float(value) if is_number(value) else otherwise

@@ -59,8 +59,8 @@ class StartVelocity:
         if self.azimuth_deg is not None:
             checked("azimuth", self.azimuth_deg, place="velocity", key="azimuth_deg", error=ReleaseError)
 
-    def direction(self, release: "Release", ground: "NodalSurface") -> np.ndarray:
-        """Horizontal unit vector (2,) east and north [1] of a release on a ground.
+    def direction(self, release: "Release") -> np.ndarray:
+        """Horizontal unit vector (2,) east and north [1] of a release.
 
         Raises
         ------
@@ -70,13 +70,9 @@ class StartVelocity:
         if self.azimuth_deg is not None:
             azimuth = math.radians(self.azimuth_deg)
             return np.array([math.sin(azimuth), math.cos(azimuth)])
-        rows, columns = np.nonzero(release.thickness)
-        dx, dy = release.terrain.cell_size
-        x, y = (columns + 0.5) * dx, (release.terrain.shape[0] - rows - 0.5) * dy
-        _, east, north = ground.evaluate(x, y)
-        down = -np.average(np.array([east, north]), axis=1, weights=release.thickness[rows, columns])
+        down = -_mean_gradient(release)
         slope = float(np.hypot(*down))
-        if slope < LEVEL:
+        if not slope >= LEVEL:
             raise ReleaseError(
                 f"release {release.name}: velocity states no azimuth, and the ground below the release is level in the mean (slope "
                 f"{slope:.2g}); add azimuth_deg, or give three components"
@@ -85,11 +81,21 @@ class StartVelocity:
 
     def at(self, release: "Release", ground: "NodalSurface", x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Velocities (n, 3) [m/s] of particles of a release at local positions (n,) [m]."""
-        a = self.direction(release, ground)
+        a = self.direction(release)
         _, east, north = ground.evaluate(x, y)
         rise = a[0] * east + a[1] * north
         along = np.column_stack([np.full(len(rise), a[0]), np.full(len(rise), a[1]), rise])
         return self.speed * along / np.sqrt(1.0 + rise**2)[:, None]
+
+
+def _mean_gradient(release: "Release") -> np.ndarray:
+    """Mean gradient (2,) east and north [1] of the terrain below a release, weighted by its thickness."""
+    rows, columns = (np.flatnonzero(release.thickness.any(axis=axis)) for axis in (1, 0))
+    part = np.s_[max(0, rows[0] - 1) : rows[-1] + 2, max(0, columns[0] - 1) : columns[-1] + 2]
+    dx, dy = release.terrain.cell_size
+    south, east = np.gradient(release.terrain.elevation[part], dy, dx)
+    weight = np.where(np.isfinite(south + east), release.thickness[part], 0.0)
+    return np.array([(weight * np.nan_to_num(side)).sum() for side in (east, -south)]) / max(weight.sum(), 1e-300)
 
 
 def checked_velocity(velocity: Any, what: str) -> "StartVelocity | tuple[float, float, float] | None":

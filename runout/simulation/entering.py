@@ -38,6 +38,8 @@ class Source(Protocol):
         Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew.
     waiting_mass : float
         Mass [kg] that it holds and may give; 0 if that is not known in advance.
+    particle_volume : float
+        Mean volume of its particles without stress [m3].
     name : str
         For the record.
     started : float
@@ -51,6 +53,7 @@ class Source(Protocol):
     coming: bool
     sudden: bool
     waiting_mass: float
+    particle_volume: float
     name: str
     started: float
     reserved: int
@@ -124,6 +127,15 @@ class Entering:
     def stop(self) -> float:
         """Next time [s] that a transfer has to end at exactly."""
         return min(source.stop for source in self.sources)
+
+    def mean_volume(self, particles: int, volume: float) -> float:
+        """Mean volume [m3] of all particles that are known in advance, so many of a mean ``volume`` [m3] at the start included.
+
+        Where none is known, that of the sources.
+        """
+        counts = np.array([particles, *(source.reserved for source in self.sources)])
+        volumes = np.array([volume, *(source.particle_volume for source in self.sources)])
+        return float(np.average(volumes, weights=counts) if counts.any() else volumes[1:].mean())
 
     @property
     def next_coming(self) -> float:

@@ -38,7 +38,7 @@ class Result:
     bring : callable
         Brings the particles at the end from the backend, for :attr:`state`.
     steps, n_particles : int
-        Time steps done; particles at the start.
+        Time steps done; particles of all releases.
     timing : dict
         Seconds by stage: setup (with compilation), index, p2g, contact, g2p, sort, observers, total.
     stop_reason : str
@@ -52,7 +52,8 @@ class Result:
     structure_forces : StructureForces or None
         Impulses on structures over time, with force, moment and pressure of each facade; None without structures.
     start : mapping
-        Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`.
+        Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`; of releases that start
+        later ``late_source``, ``late_source_start_time`` [s], NaN for never, and ``late_source_waiting_mass`` [kg].
     probes : ProbeSeries or None
         Time series at the points and cross-sections of ``simulate(probes=...)``.
     """

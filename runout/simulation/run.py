@@ -115,6 +115,7 @@ class Run:
         self.look_every = self.substeps = 1
         self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = self.eroding = 0.0
         self.particle_volume = 0.0  # mean [m3]
+        self.skipped = 0.0  # [s] without any mass
         self.particles = 0  # at the start
 
     def count(self, particles: ParticleSource) -> None:
@@ -122,7 +123,8 @@ class Run:
         self.particles = len(particles)
         followed = len(particles) + (self.entering.reserved if self.entering else 0)
         self.sample = ParticleSample.of(followed, self.control.snapshot_particles)
-        self.particle_volume = particles.sums(self.scene.densities).mean_volume
+        volume = particles.sums(self.scene.densities).mean_volume
+        self.particle_volume = self.entering.mean_volume(len(particles), volume) if self.entering else volume
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
@@ -211,7 +213,7 @@ class Run:
         if self.entering and not volume:
             entered = self.entering.entered
             volume = entered.mass / max(1, entered.particles) / float(self.scene.densities.max())
-        return DepthResolution.of(depth, self.scene, self.time / max(1, transfers), volume)
+        return DepthResolution.of(depth, self.scene, (self.time - self.skipped) / max(1, transfers), volume)
 
     def go(self) -> None:
         """Step until the end time or rest."""
@@ -372,7 +374,9 @@ class Run:
     def _go_to_next_mass(self) -> None:
         """Without any mass, go to the time at which some enters, or to the end: there is nothing to compute."""
         while self.entering and self.entering.coming and not self.reason and self.ledger.rows[-1].mass == 0.0:
-            self.time, self.dt = min(self.entering.next_coming, self.control.end_time), 0.0
+            last, self.dt = self.time, 0.0
+            self.time = min(self.entering.next_coming, self.control.end_time)
+            self.skipped += self.time - last
             self._end_series()
             self.forces.due = max(self.forces.due, self.time)
             self._keep_snapshots()

@@ -19,7 +19,7 @@ from runout.backends.resting_particles import ReleaseParticles
 from runout.backends.state import State, put_arrays
 from runout.model.nodal_surface import NodalSurface
 from runout.model.particle_source import gathered
-from runout.model.particles import Particles
+from runout.model.particles import Particles, Sums
 from runout.model.release import Placement, Release
 from runout.model.release_start import Arrival
 from runout.model.scene import Scene
@@ -73,8 +73,8 @@ class WaitingRelease:
         Its own.
     closing : Closing or None
         Ground in its place.
-    mass : float
-        [kg]
+    sums : Sums
+        Of its particles.
 
     Attributes
     ----------
@@ -84,9 +84,10 @@ class WaitingRelease:
 
     sudden = True
 
-    def __init__(self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, mass: float):
+    def __init__(self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, sums: Sums):
         self.release, self.number, self.particles, self.closing = release, number, particles, closing
-        self.name, self.waiting_mass, self.reserved = release.name, mass, len(particles)
+        self.name, self.reserved = release.name, len(particles)
+        self.waiting_mass, self.particle_volume = sums
         self.due = self.stop = release.start_time
         self.coming, self.started = True, math.nan
         self.scene: Scene | None = None
@@ -128,6 +129,7 @@ class WaitingRelease:
     def content(self) -> Iterable[np.ndarray]:
         """What determines its particles, and the ground in its place."""
         yield from self.particles.content()
+        yield np.array(self.number)
         if self.closing:
             yield from (np.array(self.closing.first), self.closing.height)
 
@@ -140,7 +142,7 @@ class TriggeredRelease(WaitingRelease):
 
     Parameters
     ----------
-    release, number, particles, closing, mass
+    release, number, particles, closing, sums
         As of :class:`WaitingRelease`.
     other : int
         Number of the release whose flow arrives.
@@ -148,13 +150,12 @@ class TriggeredRelease(WaitingRelease):
         That release, if it waits itself.
     """
 
-    def __init__(
-        self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, mass: float, other: int
-    ):
-        super().__init__(release, number, particles, closing, mass)
+    def __init__(self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, sums: Sums, other: int):
+        super().__init__(release, number, particles, closing, sums)
         assert release.starts_when is not None
         self.trigger: Arrival = release.starts_when
-        self.other, self.before = other, None  # type: tuple[int, WaitingRelease | None]
+        self.other = other
+        self.before: WaitingRelease | None = None
         self.inside = release.thickness > 0.0  # (rows, columns)
         self.due, self.stop, self.coming = 0.0, math.inf, False
 
@@ -250,13 +251,10 @@ def hold_back(
         ground.lower(closing.first, -closing.height)
     names = [release.name for release in releases]
     for number in later:
-        own, release, closing = particles.of([number], ground), releases[number], closings.get(number)
-        mass = own.sums(scene.densities).mass
-        if release.starts_when is None:
-            waiting.append(WaitingRelease(release, number, own, closing, mass))
-        else:
-            other = names.index(release.starts_when.arrives)
-            waiting.append(TriggeredRelease(release, number, own, closing, mass, other))
+        own, release = particles.of([number], ground), releases[number]
+        stated = release, number, own, closings.get(number), own.sums(scene.densities)
+        trigger = release.starts_when
+        waiting.append(TriggeredRelease(*stated, names.index(trigger.arrives)) if trigger else WaitingRelease(*stated))
     by_number = {source.number: source for source in waiting}
     for source in waiting:
         if isinstance(source, TriggeredRelease):

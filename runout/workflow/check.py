@@ -177,6 +177,7 @@ def _readable_probes(section: Any, wrong: list[str]) -> "ProbeSettings | None":
 def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the releases, and note the problems of each."""
     from runout.config.member_arguments import sampled_releases
+    from runout.model.release_start import StartVelocity
     from runout.release.statements import start_sentences
 
     reading = site.files.releases()
@@ -185,6 +186,12 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
         findings.note(problem)
     findings.notes += [f"release {release.name}: {change}" for release in findings.releases for change in release.changes]
     findings.notes += start_sentences(findings.releases)
+    for release in findings.releases:
+        try:
+            if isinstance(release.velocity, StartVelocity):
+                release.velocity.direction(release)
+        except ReleaseError as error:
+            findings.note(error)
 
 
 def _read_inflows(findings: Findings, site: "Site") -> None:

@@ -25,11 +25,11 @@ SOIL = DruckerPrager(density=2000.0, friction_angle=32.0, youngs_modulus=2e6)
 LATE = 3.0  # [s]
 
 
-def mass(name="upper", columns=(4, 10), rows=(9, 15), thickness=2.0, terrain=TERRAIN, **start):
-    """A slab, excavated unless stated otherwise."""
+def mass(name="upper", columns=(4, 10), rows=(9, 15), thickness=2.0, terrain=TERRAIN, placement="on_surface", **start):
+    """A slab."""
     cells = np.zeros(terrain.shape)
     cells[slice(*rows), slice(*columns)] = thickness
-    return Release.from_array(cells, terrain, name=name, **start)
+    return Release.from_array(cells, terrain, placement=placement, name=name, **start)
 
 
 def run(releases, backend="scan", terrain=TERRAIN, material=SOIL, **choices):
@@ -39,9 +39,9 @@ def run(releases, backend="scan", terrain=TERRAIN, material=SOIL, **choices):
 
 
 @cache
-def at_once(backend, wet=False):
+def at_once(backend, placement, wet=False):
     """A run whose release starts at once."""
-    return run(mass(pore_pressure=WET if wet else None), backend, snapshot_times=(1.0, 2.0))
+    return run(mass(placement=placement, pore_pressure=WET if wet else None), backend, snapshot_times=(1.0, 2.0))
 
 
 WET = PorePressure(ratio=0.5, decay_time=1.5)
@@ -59,11 +59,12 @@ def budget(result):
 
 
 @EACH
-@pytest.mark.parametrize("wet", [False, True])
-def test_a_release_that_starts_later_is_the_same_run_shifted(backend, wet):
+@pytest.mark.parametrize(("placement", "wet"), [("on_surface", True), ("excavated", False)])
+def test_a_release_that_starts_later_is_the_same_run_shifted(backend, placement, wet):
     """Stress, pore pressure and ground are those of a start at time zero; so are all steps, to rounding."""
-    expected = at_once(backend, wet)
-    late = run(mass(pore_pressure=WET if wet else None, start_time=LATE), backend, snapshot_times=(LATE + 1.0, LATE + 2.0))
+    expected = at_once(backend, placement, wet)
+    release = mass(placement=placement, pore_pressure=WET if wet else None, start_time=LATE)
+    late = run(release, backend, snapshot_times=(LATE + 1.0, LATE + 2.0))
     for (_, depth, speed), (_, late_depth, late_speed) in zip(expected.snapshots, late.snapshots, strict=True):
         np.testing.assert_allclose(late_depth, depth, rtol=0, atol=1e-9)
         np.testing.assert_allclose(late_speed, speed, rtol=0, atol=1e-9)
@@ -78,13 +79,13 @@ def test_a_release_that_starts_later_is_the_same_run_shifted(backend, wet):
 
 @EACH
 def test_two_releases_that_do_not_meet_are_two_runs(backend):
-    """Side by side, with another start: maps are the sums of those of single runs, but for steps of another length."""
+    """Side by side, with another start: maps are the sums of those of single runs, but for places of particles and steps."""
     one, other = mass(rows=(2, 8)), mass("second", rows=(16, 22), start_time=LATE)
     both = run([one, other], backend)
     single, later = run(one, backend), run(other, backend)
     for name in ("max_flow_thickness", "deposit_thickness"):
         expected = single.fields[name] + later.fields[name]
-        np.testing.assert_allclose(both.fields[name], expected, rtol=0, atol=0.04 * expected.max(), err_msg=name)
+        assert np.abs(both.fields[name] - expected).sum() < 0.05 * expected.sum(), name
     assert both.state.release.tolist() == sorted(both.state.release.tolist())
     of_mass, of_all, of_energy = budget(both)
     assert max(of_mass, of_all) < 1e-12
@@ -99,7 +100,7 @@ def test_two_releases_that_do_not_meet_are_two_runs(backend):
 def test_a_block_with_a_velocity_follows_the_closed_form(backend, velocity, along):
     """Straight down the slope: v = v0 + g (sin - mu cos) t. The momentum at the start is that of the mass, to rounding."""
     hard = DruckerPrager(density=2000.0, friction_angle=50.0, cohesion=1e6, youngs_modulus=2e6)
-    release = replace(mass(placement="on_surface"), velocity=velocity)
+    release = mass(velocity=velocity)
     result = run(release, backend, material=hard, end_time=1.0)
     s = result.series
     start = np.array([s[f"momentum_{axis}"][0] for axis in "xyz"]) / s["mass"][0]
@@ -120,7 +121,7 @@ def test_a_block_with_a_velocity_follows_the_closed_form(backend, velocity, alon
 def test_a_release_starts_when_the_flow_of_another_arrives(backend):
     """The start is the arrival of the flow at the outline, to the time between two looks; chains start one by one."""
     lower = mass("lower", (14, 20), starts_when=Arrival("upper", 0.2))
-    last = mass("last", (24, 28), starts_when=Arrival("lower", 0.2))
+    last = mass("last", (21, 25), starts_when=Arrival("lower", 0.2))
     result = run([mass(), lower, last], backend)
     alone = run(mass(), backend)
     expected = np.nanmin(alone.fields["arrival_time"][lower.thickness > 0])
@@ -131,6 +132,19 @@ def test_a_release_starts_when_the_flow_of_another_arrives(backend):
     of_mass, of_all, of_energy = budget(result)
     assert max(of_mass, of_all) < 1e-12
     assert abs(of_energy) < 0.15
+
+
+@EACH
+def test_mass_is_booked_to_rounding_in_single_precision(backend):
+    """What enters is the mass of the particles as the backend has them; the skipped time before counts in no step."""
+    late = [mass(start_time=1.0, velocity=3.0), mass("second", rows=(17, 23), start_time=1.5)]
+    result = run(late, backend, precision="float32", end_time=2.5)
+    assert result.series["mass"][0] == 0.0
+    assert budget(result)[0] < 1e-12
+    assert np.diff(result.series["time"]).max() == 1.0
+    mean = result.depth_resolution.__dict__
+    alone = run([replace(late[0], start_time=0.0)], backend, precision="float32", end_time=1.5).depth_resolution.__dict__
+    assert mean["viscosity"] == pytest.approx(alone["viscosity"], rel=0.1)
 
 
 @EACH
@@ -149,7 +163,7 @@ def test_a_release_that_is_never_reached_stays_out_and_is_said(backend, caplog):
 def test_a_flow_of_a_third_release_does_not_start_one():
     """The trigger names a release: mass of another may lie inside the outline."""
     lower = mass("lower", (14, 20), starts_when=Arrival("aside"))
-    result = run([mass(), mass("aside", rows=(19, 22), columns=(40, 44)), lower], end_time=4.0)
+    result = run([mass(), mass("aside", rows=(19, 22), columns=(40, 44)), lower])
     assert result.never_started == ["lower"]
     assert result.fields["max_flow_thickness"][12, 16] > 0.3
 
@@ -158,8 +172,8 @@ def test_a_flow_of_a_third_release_does_not_start_one():
 def test_a_run_does_not_end_at_rest_while_a_release_waits_for_its_time(backend):
     """A small mass that starts beside a large deposit moves on; the run ends after both."""
     level = Terrain.from_array(np.where(X < 60.0, 0.0, 0.6 * (X - 60.0)) * np.ones((ROWS, 1)), (CELL, CELL))
-    resting = mass("resting", (2, 10), thickness=3.0, terrain=level, placement="on_surface")
-    late = mass("late", (40, 44), thickness=1.0, terrain=level, placement="on_surface", start_time=4.0)
+    resting = mass("resting", (2, 10), thickness=3.0, terrain=level)
+    late = mass("late", (40, 44), thickness=1.0, terrain=level, start_time=4.0)
     result = run([resting, late], backend, level, end_time=20.0, stop=True)
     assert result.stop_reason == "at rest"
     assert 6.0 < result.series["time"][-1] < 20.0
@@ -172,8 +186,8 @@ def test_a_run_does_not_end_at_rest_while_a_release_waits_for_its_time(backend):
 def test_a_mass_on_the_surface_is_put_on_what_lies_there(backend):
     """The second surge at the same place, at rest on level ground: nothing enters in the place of other mass."""
     level = Terrain.from_array(np.zeros((ROWS, COLUMNS)), (CELL, CELL))
-    first = mass("first", terrain=level, placement="on_surface", columns=(10, 30), rows=(4, 20))
-    second = mass("second", terrain=level, placement="on_surface", columns=(16, 24), rows=(8, 16), start_time=0.5)
+    first = mass("first", terrain=level, columns=(10, 30), rows=(4, 20))
+    second = mass("second", terrain=level, columns=(16, 24), rows=(8, 16), start_time=0.5)
     result = run([first, second], backend, level, basal_friction_angle=40.0, end_time=0.55)
     place = result.state.position(np.array([CELL] * 3))
     above, below = place[result.state.release == 1], place[result.state.release == 0]
@@ -184,7 +198,7 @@ def test_a_mass_on_the_surface_is_put_on_what_lies_there(backend):
 
 def test_particles_are_lifted_by_the_height_of_what_is_there_column_by_column():
     waiting = []
-    releases = [mass(placement="on_surface", start_time=1.0), mass("there", (8, 20), placement="on_surface")]
+    releases = [mass(start_time=1.0), mass("there", (8, 20))]
     numerics = Numerics(cell_size=CELL, particles_per_cell=(2, 2, 4))
     scene, present = build_scene(TERRAIN, releases, SOIL, 20.0, numerics, waiting=waiting)
     own = waiting[0].particles
@@ -201,7 +215,8 @@ def test_particles_are_lifted_by_the_height_of_what_is_there_column_by_column():
 
 def test_an_excavated_release_that_waits_is_ground_until_it_starts():
     """The ground in its place is that of the terrain; at its start it falls to that of a run whose releases start at once."""
-    releases, waiting = [mass(), mass("lower", (14, 20), start_time=LATE)], []
+    dug = {"placement": "excavated"}
+    releases, waiting = [mass(**dug), mass("lower", (14, 20), start_time=LATE, **dug)], []
     numerics = Numerics(cell_size=CELL, particles_per_cell=(2, 2, 4))
     scene, particles = build_scene(TERRAIN, releases, SOIL, 20.0, numerics, waiting=waiting)
     whole, all_particles = build_scene(TERRAIN, [releases[0], replace(releases[1], start_time=0.0)], SOIL, 20.0, numerics)
@@ -218,7 +233,7 @@ def test_a_larger_release_than_its_scar_is_ground_too():
     """What a sampled volume puts above the surface stands there from the start."""
     waiting = []
     numerics = Numerics(cell_size=CELL, particles_per_cell=(2, 2, 4))
-    release = mass("lower", (14, 20), start_time=LATE).scaled(1.5)
+    release = mass("lower", (14, 20), start_time=LATE, placement="excavated").scaled(1.5)
     scene, _ = build_scene(TERRAIN, [mass(), release], SOIL, 20.0, numerics, waiting=waiting)
     x, y = X[16:18], np.full(2, 12 * CELL)
     np.testing.assert_allclose(scene.ground.elevation(x, y), 101.0 - SLOPE * x, atol=0.05)
@@ -227,7 +242,12 @@ def test_a_larger_release_than_its_scar_is_ground_too():
 @EACH
 def test_an_interrupted_run_gives_the_same_bits(backend, tmp_path):
     """With a bed, a release that starts at a time and one that is triggered; killed before, between and after the starts."""
-    releases = [mass(), mass("second", rows=(17, 23), start_time=1.0), mass("lower", (14, 20), starts_when=Arrival("upper", 0.2))]
+    trigger = Arrival("upper", 0.2)
+    releases = [
+        mass(),
+        mass("second", rows=(17, 23), start_time=1.0),
+        mass("lower", (14, 20), starts_when=trigger, placement="excavated"),
+    ]
     choices = {"end_time": 4.0, "bed": Bed(0.5, RammsErosion(rate=0.05, critical_stress=0.0)), "substeps": 2}
     expected = run(releases, backend, **choices)
 
@@ -328,12 +348,12 @@ def test_values_of_a_start_have_their_limits():
 def test_a_speed_down_level_ground_needs_a_direction():
     level = Terrain.from_array(np.zeros((ROWS, COLUMNS)), (CELL, CELL))
     with pytest.raises(ReleaseError, match=r"release upper: velocity states no azimuth, and the ground below .* add azimuth_deg"):
-        run(mass(terrain=level, placement="on_surface", velocity=4.0), terrain=level)
+        run(mass(terrain=level, velocity=4.0), terrain=level)
 
 
 def test_overlap_is_refused_at_the_same_time_and_of_two_scars():
-    surface = {"placement": "on_surface"}
-    for one, other in (({**surface, "start_time": 1.0}, {**surface, "start_time": 1.0}), ({}, {"start_time": 1.0})):
+    dug = {"placement": "excavated"}
+    for one, other in (({"start_time": 1.0}, {"start_time": 1.0}), (dug, {**dug, "start_time": 1.0})):
         with pytest.raises(ReleaseError, match="overlap by"):
             run([mass(**one), mass("second", **other)], end_time=2.0)
 
