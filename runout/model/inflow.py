@@ -371,7 +371,8 @@ class Inflow:
         if self.line is None:
             return f"{said}, over a polygon of {short(self.polygon.area, 'm2')} ({across:.2g} x {across:.2g} cells)"
         thickest = self.peak_thickness()
-        return f"{said}; line of {self.width:.4g} m ({across:.3g} cells), {thickest:.3g} m thick at most ({thickest / dz:.2g} cells)"
+        thickness = f"{thickest:.3g} m thick at most ({thickest / dz:.2g} cells)"
+        return f"{said}; line of {self.width:.4g} m ({across:.3g} cells), {thickness}"
 
     def record(self) -> dict[str, float]:
         """What products keep of it: volume [m3], peak discharge [m3/s], begin and end [s] of the hydrograph, width [m]."""

@@ -60,12 +60,16 @@ class Births:
 
 @dataclass(frozen=True)
 class Spacing:
-    """Distances of the particles of an inflow: along the flow and across [m], height of a layer [m], columns of a line."""
+    """Distances of the particles of an inflow: along the flow and across [m], height of a layer [m].
+
+    ``columns`` of a line, and ``planes`` that are born together, those of a cell.
+    """
 
     along: float
     across: float
     layer: float
     columns: int
+    planes: int
 
     @classmethod
     def of(cls, inflow: Inflow, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> "Spacing":
@@ -73,7 +77,7 @@ class Spacing:
         (dx, dy, dz), (px, py, pz) = spacing, per_axis
         along = math.sqrt(dx * dy / (px * py))
         columns = max(1, round(inflow.width / along))
-        return cls(along, inflow.width / columns, dz / pz, columns)
+        return cls(along, inflow.width / columns, dz / pz, columns, px)
 
     @property
     def volume(self) -> float:

@@ -209,11 +209,8 @@ class Run:
 
     def depth_resolution(self) -> DepthResolution:
         """Resolution of the flow so far, with the mean length of a transfer."""
-        depth, transfers, volume = flow_depth(self.peaks.peaks[THICKNESS]), self.counters.transfers, self.particle_volume
-        if self.entering and not volume:
-            entered = self.entering.entered
-            volume = entered.mass / max(1, entered.particles) / float(self.scene.densities.max())
-        return DepthResolution.of(depth, self.scene, (self.time - self.skipped) / max(1, transfers), volume)
+        depth, transfers = flow_depth(self.peaks.peaks[THICKNESS]), self.counters.transfers
+        return DepthResolution.of(depth, self.scene, (self.time - self.skipped) / max(1, transfers), self.particle_volume)
 
     def go(self) -> None:
         """Step until the end time or rest."""

@@ -50,7 +50,8 @@ CASES: dict[str, Case] = {
         *(curved_ground.BOWL, curved_ground.RAMP, terrain_distance.CASE, thin_layers.CASE, single_precision.CASE),
         *(basal_laws.DRAG, basal_laws.WEAKENING, zone_crossing.CASE, wet_layers.CASE),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
-        *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE, mud_slope.CASE, eroded_layer.CASE, hydrograph_inflow.CASE),
+        *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE, mud_slope.CASE, eroded_layer.CASE),
+        hydrograph_inflow.CASE,
     )
 }
 

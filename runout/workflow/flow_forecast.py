@@ -13,8 +13,8 @@ from runout.model.depth_resolution import DepthResolution
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
 from runout.model.numerics import Scheme
-from runout.release.inlet import mass_at
 from runout.model.scene import Raster, Scene
+from runout.release.inlet import mass_at
 from runout.simulation.observers import AtRest
 from runout.terrain.drag_speed import GATHERED
 from runout.terrain.pressed_points import forecast_depth, lateral_pressure

@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from runout import log
 from runout.errors import ConfigError, ExitCode
 from runout.io.lock import exclusive

@@ -74,7 +74,7 @@ def test_a_long_list_of_problems_is_cut(tmp_path):
 def test_a_file_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / "q.csv"
     path.write_bytes(b"time,discharge\n\xff\xfe\x00")
-    with pytest.raises(InputError, match="is no text .*; export it as CSV in UTF-8"):
+    with pytest.raises(InputError, match=r"is no text .*; export it as CSV in UTF-8"):
         read_hydrograph(path)
-    with pytest.raises(InputError, match="other.csv: cannot be read"):
+    with pytest.raises(InputError, match=r"other\.csv: cannot be read"):
         read_hydrograph(tmp_path / "other.csv")

@@ -21,7 +21,10 @@ INFLOW = "inflow:\n  - name: gauge\n    line: inputs/gauge.geojson\n    hydrogra
 RELEASE = SITE[SITE.index("release:") : SITE.index("material:")]
 WITH_RELEASE = SITE.replace("simulation:", f"{INFLOW}simulation:")
 ALONE = WITH_RELEASE.replace(RELEASE, "")
-SAMPLED = "    discharge_factor: {distribution: uniform, low: 0.5, high: 2}\n    inflow_delay: {distribution: uniform, low: 0, high: 4}\n"
+SAMPLED = """\
+    discharge_factor: {distribution: uniform, low: 0.5, high: 2}
+    inflow_delay: {distribution: uniform, low: 0, high: 4}
+"""
 ENSEMBLE = ALONE.replace("hazard:", f"{SAMPLED}hazard:").replace("members: 4", "members: 2")
 
 
@@ -52,8 +55,8 @@ def test_member_has_the_inflow_with_its_sampled_parameters(tmp_path):
 
 def test_own_friction_and_pore_pressure_count(tmp_path):
     own = "    basal_friction_angle_deg: 15\n    pore_pressure: {ratio: 0.5, decay_time: 20}\n"
-    text = ALONE.replace("    thickness: 6\n", "    thickness: 6\n" + own).replace("    basal_friction_angle_deg: {dist", "    density: {dist")
-    text = text.replace("low: 12, high: 22", "low: 1900, high: 2100")
+    text = ALONE.replace("    thickness: 6\n", "    thickness: 6\n" + own).replace("low: 12, high: 22", "low: 1900, high: 2100")
+    text = text.replace("    basal_friction_angle_deg: {dist", "    density: {dist")
     site = runout.read_site(site_of(tmp_path / "site", text))
     (one,) = site.member_arguments()["inflow"]
     assert one.basal_friction_angle == pytest.approx(np.radians(15.0))
@@ -96,7 +99,7 @@ def test_names_are_unique_and_samples_need_an_inflow(tmp_path):
     with pytest.raises(ConfigError, match=r"inflow\[0\].name: two masses are called 'slab'"):
         runout.read_site(site_of(tmp_path / "name", WITH_RELEASE.replace("name: gauge", "name: slab")))
     text = SITE.replace("hazard:", f"{SAMPLED}hazard:")
-    with pytest.raises(ConfigError, match=r"ensemble.parameters.discharge_factor: the site has no inflow; remove it, or add inflow"):
+    with pytest.raises(ConfigError, match=r"parameters.discharge_factor: the site has no inflow; remove it, or add inflow"):
         runout.read_site(site_of(tmp_path / "sample", text))
 
 
@@ -105,7 +108,7 @@ def test_names_are_unique_and_samples_need_an_inflow(tmp_path):
     [
         ({"series": "time,discharge\n0,1\n1,-2\n"}, r"inflow\[0\].hydrograph: inputs/q.csv:3: discharge: is -2 m3/s"),
         ({"series": "time,q\n0,1\n"}, r"inflow\[0\].hydrograph: inputs/q.csv:1: there is no column discharge"),
-        ({"series": "time,discharge,velocity\n0,1,1\n1,1,1\n"}, r"inflow\[0\].line: .*thickness and the velocities .* are both given"),
+        ({"series": "time,discharge,velocity\n0,1,1\n1,1,1\n"}, r"inflow\[0\].line: .*thickness and the velocities .* both given"),
         ({"line": [[X, Y], [X, NORTH + 90.0]]}, r"inflow\[0\].line: inputs/gauge.geojson.*lies outside"),
         ({"line": [SQUARE], "kind": "Polygon"}, r"inflow\[0\].line: .*is a Polygon, not a single line"),
         ({"line": [[X, Y], [X, Y]]}, r"inflow\[0\].line: .*1 different vertex"),

@@ -23,7 +23,7 @@ from runout.model.inflow import Hydrograph, Inflow
 from runout.model.particles import Particles
 from runout.model.terrain import Terrain
 from runout.simulation.entering import Entering
-from runout.simulation.inflow import HydrographSource
+from runout.simulation.inflow import source_of
 from runout.simulation.run import Run, RunControl
 from runout.studies.verification_cases import flow
 from runout.studies.verification_cases.closed_forms import GRAVITY
@@ -82,7 +82,7 @@ class Flume:
         terrain = Terrain.from_array(np.zeros((3, round(length / h))), (h, h))
         sides = [(LINE, (flow.ACROSS + 0.5) * h), (LINE, 0.5 * h)]
         inflow = Inflow(terrain, hydrograph, line=sides, thickness=self.stated)
-        source = HydrographSource(inflow, 0, scene.spacing, PER_CELL, self.time)
+        source = source_of(inflow, 0, scene.spacing, PER_CELL, self.time)
         engine: Any = get_backend(self.backend, threads=1, **({"index": "dense"} if self.backend == "scan" else {}))
         engine.period = (0, flow.ACROSS, 0) if self.backend == "scan" else np.array((2**20, flow.ACROSS, 2**20))
         run = Run(engine, scene, RunControl(self.time, stop=False, crop=False), None, None, None, None, Entering([source]))
