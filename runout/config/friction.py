@@ -17,7 +17,8 @@ from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.limits import Range
 
 if TYPE_CHECKING:
-    from runout.config.schema import SiteSettings
+    from runout.config.inflow import InflowSettings
+    from runout.config.schema import ReleaseSettings, SiteSettings
     from runout.model.inflow import Inflow
     from runout.model.release import Release
 
@@ -131,7 +132,7 @@ class SiteFriction:
 
     def under(self, releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
         """The releases or inflows with what site.yaml states for each; the other parameters of the law are those of a member."""
-        stated = [*self.settings.release, *(self.settings.inflow or [])]
+        stated: list[ReleaseSettings | InflowSettings] = [*self.settings.release, *(self.settings.inflow or [])]
         own = {r.name: r.basal_friction for r in stated if r.basal_friction}
         if not own or not {ANGLE, KEY} & self.settings.model_dump(include={ANGLE, KEY}, exclude_none=True).keys():
             return list(releases)  # of a file that states no friction yet nothing more can be said

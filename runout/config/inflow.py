@@ -125,7 +125,7 @@ def _placed_inflow(entry: InflowSettings, file: Path, terrain: "Terrain") -> "In
 def _inflow(entry: InflowSettings, file: Path, terrain: "Terrain", series: Any) -> "Inflow":
     from runout.release.read_inflow import read_inflow
 
-    path = locate(entry.line or entry.polygon, file.parent)
+    path = locate(entry.line or entry.polygon or "", file.parent)
     common = entry.model_dump(include={"thickness", "layer", "name", "basal_friction_angle_deg"})
     return read_inflow(path, terrain, series, kind="line" if entry.line is not None else "polygon", **common)
 
@@ -138,7 +138,7 @@ def _placed(file: Path, number: Callable[[], int], key: str) -> Iterator[None]:
             yield
     except ConfigError as error:
         document = read_document(file) if file.is_file() else Document(file.name)
-        parts = [within_site(str(one), file.parent).partition("; ") for one in error.problems or [error]]
+        parts = [within_site(str(one), file.parent).partition("; ") for one in (error.problems or (error,))]
         raise ConfigError([document.problem((INFLOW, number(), key), text, fix) for text, _, fix in parts]) from None
 
 

@@ -60,6 +60,10 @@ class HydrographSource:
         Time [s] of the first birth; NaN before.
     particle_volume : float
         Mean volume of its particles [m3].
+    due : float
+        Time [s] of the last of the births that come next.
+    coming : bool
+        Whether mass will enter before the end of the run.
     next, last : int
         Number of the next birth, and that of those until the end of the run.
     entered, lifted : float
@@ -80,18 +84,12 @@ class HydrographSource:
         self.last = int(np.searchsorted(births.time, end_time, "right"))
         self.particle_volume = births.total / float(self.before[-1])
         self.next, self.entered, self.lifted = 0, 0.0, 0.0
+        self._go_on(0)
 
-    @property
-    def due(self) -> float:
-        """Time [s] of the last of the births that come next."""
-        if self.next >= self.last:
-            return math.inf
-        return float(self.births.time[min(self.next + self.group, self.last) - 1])
-
-    @property
-    def coming(self) -> bool:
-        """Whether mass will enter before the end of the run."""
-        return self.next < self.last
+    def _go_on(self, following: int) -> None:
+        """Note which birth is the ``following``, when the last of those with it is due, and whether there is any."""
+        self.next, self.coming = following, following < self.last
+        self.due = float(self.births.time[min(following + self.group, self.last) - 1]) if self.coming else math.inf
 
     def begin(self, scene: Scene) -> None:
         """Take the scene of the run."""
@@ -108,7 +106,8 @@ class HydrographSource:
         last = int(np.searchsorted(self.births.time, time * (1.0 + 1e-12), "right"))
         if last <= self.next:
             return None
-        first, self.next = self.next, last
+        first = self.next
+        self._go_on(last)
         self.started = time if math.isnan(self.started) else self.started
         newborn = self._born(engine, first, last, time)
         self.entered += float(newborn.volume.sum())
@@ -165,6 +164,7 @@ class HydrographSource:
     def restore(self, state: State) -> None:
         """Continue from :meth:`state`."""
         put_arrays(self, state)
+        self._go_on(self.next)
 
     def content(self) -> Iterable[np.ndarray]:
         """Births, places, and the mass."""
@@ -179,9 +179,9 @@ class LineSource(HydrographSource):
 
     def __init__(self, inflow: Inflow, number: int, how: inlet.Spacing, end_time: float, seed: int = 0):
         slope = inlet.slope_at(inflow)
+        self.group = how.planes
         super().__init__(inflow, number, how, inlet.births_at_line(inflow, how, slope), end_time, seed)
         self.path = inlet.path_of(inflow, slope)
-        self.group = how.planes
 
     def _born(self, engine: Backend, first: int, last: int, time: float) -> Particles:
         """Particles of some planes, as far from the line as the flow has gone since their middle left it."""

@@ -38,7 +38,7 @@ class _Kernels:
         from runout.model.numerics import Scheme
         from runout.model.scene import STANDARD_GRAVITY
 
-        masses = [*site.settings.release, *(site.settings.inflow or [])]
+        masses: list[Any] = [*site.settings.release, *(site.settings.inflow or [])]
         return cls(
             site.material().chosen(1.0, 1.0, STANDARD_GRAVITY),
             SEVERAL if len(masses) > 1 else 1,

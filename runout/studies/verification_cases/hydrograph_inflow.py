@@ -60,13 +60,11 @@ class Flume:
         Of the grid [m]; how long the flow lasts [s].
     stated : float
         Thickness [m] that the inflow states; its speed follows from the discharge.
-    backend : str
     """
 
     spacing: float
     time: float
     stated: float = THICKNESS
-    backend: str = "scan"
 
     @property
     def width(self) -> float:
@@ -83,8 +81,8 @@ class Flume:
         sides = [(LINE, (flow.ACROSS + 0.5) * h), (LINE, 0.5 * h)]
         inflow = Inflow(terrain, hydrograph, line=sides, thickness=self.stated)
         source = source_of(inflow, 0, scene.spacing, PER_CELL, self.time)
-        engine: Any = get_backend(self.backend, threads=1, **({"index": "dense"} if self.backend == "scan" else {}))
-        engine.period = (0, flow.ACROSS, 0) if self.backend == "scan" else np.array((2**20, flow.ACROSS, 2**20))
+        engine: Any = get_backend("scan", threads=1, index="dense")
+        engine.period = (0, flow.ACROSS, 0)
         run = Run(engine, scene, RunControl(self.time, stop=False, crop=False), None, None, None, None, Entering([source]))
         run.start(Particles.zeros(0))
         run.go()
