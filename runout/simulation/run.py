@@ -351,11 +351,12 @@ class Run:
         self._go_to_next_mass()
 
     def _let_enter(self) -> None:
-        """Let mass enter that is due. With a whole mass, maps get the columns before and after: it arrives at its own time."""
+        """Let mass enter that is due. With a whole mass, or the first, maps get the columns before and after: it arrives at its own time."""
         entering = self.entering
         if self.reason or entering is None or entering.due > self.time + self._rounding:
             return
-        before = self._columns() if entering.is_sudden(self.time) else None
+        is_first = self.ledger.rows[-1].mass == 0.0
+        before = self._columns() if is_first or entering.is_sudden(self.time) else None
         unnumbered = entering.entered.particles
         number = entering.update(self.engine, self.time, self.bed.born if self.bed else 0)
         if self.bed:
@@ -364,7 +365,6 @@ class Run:
             self._note(self.time, before)
             self._note(self.time, self._columns())
             self.rest = AtRest()
-        if number and (before is not None or self.ledger.rows[-1].mass == 0.0):
             self._observe()
             self._end_series()
 
