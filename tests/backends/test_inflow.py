@@ -189,7 +189,9 @@ def test_new_columns_stand_on_the_particles_that_are_there():
     engine = get_backend("reference")
     inflow = flood()
     there = slab(columns=(7, 12), rows=(3, 13), thickness=3.0)
-    scene, present = build_scene(TERRAIN, [there], SOIL, 20.0, Numerics(cell_size=CELL), inflow=[inflow])
+    scene, present = build_scene(
+        TERRAIN, [there], SOIL, 20.0, Numerics(cell_size=CELL, particles_per_cell=(2, 2, 4)), inflow=[inflow]
+    )
     source = source_of(inflow, 1, scene.spacing, (2, 2, 4), 4.0)
     source.begin(scene)
     engine.load(scene, present)
