@@ -136,6 +136,12 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     )
 
 
+def boxes_on(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> BoxSums:
+    """The boxes of :func:`spread` alone, before they are spread."""
+    row, column, boxes = _inside(sums, lattice.first, lattice_shape(raster, lattice.cell))
+    return BoxSums(boxes, row, column, density)
+
+
 def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
     """Rows and columns of the lattice of ``cell`` [m] over the whole raster."""
     (width, height), size = cell, raster.cell_size
@@ -188,9 +194,21 @@ def lattice_columns(scene: Scene, particles: Particles, particle_volume: float) 
     """Columns over the cells of the lattice that the particles reach, in plain NumPy."""
     if not len(particles):
         return nothing()
-    node = particles.node[:, :2]
-    lattice = Lattice.around(scene, node.min(axis=0), node.max(axis=0) + 2)
+    lattice = _lattice_of(scene, particles)
     return spread(_box_sums(scene, particles, lattice), lattice, scene.raster, particle_volume)
+
+
+def box_columns(scene: Scene, particles: Particles) -> BoxSums | None:
+    """The boxes of :func:`lattice_columns` alone; None without particles."""
+    if not len(particles):
+        return None
+    lattice = _lattice_of(scene, particles)
+    return boxes_on(_box_sums(scene, particles, lattice), lattice, scene.raster)
+
+
+def _lattice_of(scene: Scene, particles: Particles) -> Lattice:
+    node = particles.node[:, :2]
+    return Lattice.around(scene, node.min(axis=0), node.max(axis=0) + 2)
 
 
 def _box_sums(scene: Scene, particles: Particles, lattice: Lattice) -> np.ndarray:

@@ -199,6 +199,15 @@ class WindowBackend(Protocol):
     def lattice_columns(self) -> RasterSums:
         """The same sums over a window of the lattice of :mod:`runout.backends.footprints`; its row 0 is the southernmost."""
 
+    def box_columns(self) -> BoxSums | None:
+        """``boxes`` of :meth:`lattice_columns` alone, in half of the time; None without particles."""
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Mass [kg], and mass times pore pressure ratio, (releases, 2, nx, ny) by release around nodes of the plan.
+
+        A particle counts at the nearest of the nodes, of which ``shape`` are taken from the ``first`` on.
+        """
+
 
 @runtime_checkable
 class ResumableBackend(Protocol):
@@ -255,6 +264,18 @@ class SceneBatch(Protocol):
 
     def lattice_columns_of(self, s: int, /) -> RasterSums:
         """As :meth:`WindowBackend.lattice_columns`."""
+
+    def box_columns_of(self, s: int, /) -> BoxSums | None:
+        """As :meth:`WindowBackend.box_columns`."""
+
+    def plan_masses_of(self, s: int, first: tuple[int, int], shape: tuple[int, int], /) -> np.ndarray:
+        """As :meth:`WindowBackend.plan_masses`."""
+
+    def join(self, more: Sequence[tuple[int, Particles]]) -> None:
+        """Add particles to scenes, given by number, all at once; as :meth:`Backend.add`."""
+
+    def lower_of(self, s: int, first: tuple[int, int], depth: np.ndarray, /) -> None:
+        """As :meth:`Backend.lower`; scenes that share the ground share what is lowered."""
 
     def max_speed_of(self, s: int, /) -> float:
         """As :attr:`Backend.max_speed`."""

@@ -44,17 +44,9 @@ class Work:
 
     @property
     def together(self) -> bool:
-        """Whether the members of a group share kernel launches (backend hash).
-
-        Members that erode a bed, or into which mass enters while they run, run alone.
-        """
-        return (
-            self.simulate is None
-            and self.site.settings.bed is None
-            and not release_start.enters(self.site.settings)
-            and not self.site.settings.inflow
-            and (self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash")
-        )
+        """Whether the members of a group share kernel launches (backend hash); those into which mass enters run alone."""
+        hashed, settings = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash", self.site.settings
+        return self.simulate is None and hashed and not release_start.enters(settings) and not settings.inflow
 
     def task(self, share: Share) -> Task:
         """What a worker of a share does with a group."""

@@ -6,7 +6,7 @@ import time as clock
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any, cast
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from runout.backends.protocol import (
     Backend,
+    BoxSums,
     Counters,
     LedgerRow,
     RasterSums,
@@ -25,7 +26,7 @@ from runout.backends.protocol import (
 )
 from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes
+from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes, with_births
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
 from runout.model.numerics import Numerics
 from runout.model.particle_source import CompactParticles, ParticleSource
@@ -34,6 +35,7 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
+from runout.simulation.erosion import ErodingBed, eroding_bed
 from runout.simulation.result import Result
 from runout.simulation.run import BATCH, Run, RunControl
 from runout.simulation.scenario import build_scene, scene_arguments
@@ -119,6 +121,7 @@ class _Job:
     seconds: float  # to prepare it
     bytes: float  # on the device
     structures: Structures | None
+    bed: ErodingBed | None
 
     @classmethod
     def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
@@ -135,17 +138,23 @@ class _Job:
             force_interval=options.pop("force_interval", None), snapshot_particles=options.pop("snapshot_particles", 0),
             probes=probes.on(options["terrain"]) if probes else None, bulking=options.pop("bulking", 1.0),
         )  # fmt: skip
-        extents: list[Extent] = []
+        extents, bed = list[Extent](), options.pop("bed", None)
         if unknown := options.keys() - scene_arguments(options).keys() - Numerics.names():
             raise TypeError(f"a scenario has the argument {min(unknown)!r}, which runout.simulate does not have")
-        scene, releases_in_chunks = build_scene(**scene_arguments(options), accept=extents.append, in_chunks=True)
+        chosen = scene_arguments(options)
+        scene, releases_in_chunks = build_scene(**chosen, accept=extents.append, in_chunks=True)
         particles = CompactParticles.of(releases_in_chunks, scene.densities, scene.dtype)
-        sizes = extents[0].particles, extents[0].nodes_on_device
+        releases = [release] if isinstance(release, Release) else list(release)
+        eroding = eroding_bed(bed, scene, options["terrain"], releases, releases_in_chunks.how.per_axis)
+        friction = chosen.get("basal_friction") or chosen["basal_friction_angle"]
+        extent = with_births(extents[0], bed, releases, chosen["numerics"], friction)
+        sizes = extent.particles, extent.nodes_on_device
         needed = bytes_on_device(*sizes, scene.precision, scene.structures, scene.basal.law, scene.basal.mixed, scene.substeps)
-        needed += pore_bytes(extents[0], scene.precision)
+        needed += pore_bytes(extent, scene.precision)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         structures = named_structures(options.get("structures"))
-        return cls(number, options["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, structures)
+        scene, seconds = eroding.scene if eroding else scene, clock.perf_counter() - started
+        return cls(number, options["terrain"], scene, particles, control, tell, seconds, needed, structures, eroding)
 
 
 def _require_starts_at_once(releases: Sequence[Release]) -> None:
@@ -231,27 +240,40 @@ def _launched(jobs: list[_Job], place: str, brought: bool) -> Iterator[tuple[int
         yield from _launched(remaining[len(remaining) // 2 :], place, brought)
 
 
-@dataclass
 class _View:
-    """One scene of a batch with the interface of a backend; it is stepped only with the others."""
+    """One scene of a batch with the interface of a backend; it is stepped only with the others.
 
-    batch: SceneBatch
-    scene: int
-    rows: Callable[[], list[LedgerRow]]
-    counters: Counters = field(default_factory=Counters)
+    Particles that join wait until this scene is read or all are stepped: then those of all scenes join at once.
+    """
+
+    def __init__(self, together: "_Together", scene: int):
+        self.together, self.scene, self.counters = together, scene, Counters()
+
+    @property
+    def batch(self) -> SceneBatch:
+        """The batch, with all particles of this scene."""
+        if any(scene == self.scene for scene, _ in self.together.joining):
+            self.together.join()
+        return self.together.batch
 
     @property
     def max_speed(self) -> float:
-        return self.batch.max_speed_of(self.scene)
+        return self.together.batch.max_speed_of(self.scene)
 
     def stable_step(self) -> float:
         return self.batch.stable_step(self.scene)
+
+    def add(self, particles: Particles) -> None:
+        self.together.joining.append((self.scene, particles))
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        self.batch.lower_of(self.scene, first, depth)
 
     def particles(self) -> Particles:
         return self.batch.particles_of(self.scene)
 
     def ledger(self) -> LedgerRow:
-        return self.rows()[self.scene]
+        return self.together.rows_of(self.batch)[self.scene]
 
     def structure_impulses(self) -> np.ndarray:
         return self.batch.structure_impulses_of(self.scene)
@@ -268,6 +290,12 @@ class _View:
     def lattice_columns(self) -> RasterSums:
         return self.batch.lattice_columns_of(self.scene)
 
+    def box_columns(self) -> BoxSums | None:
+        return self.batch.box_columns_of(self.scene)
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        return self.batch.plan_masses_of(self.scene, first, shape)
+
 
 class _Together:
     """Runs that share the steps of a batch; with ``brought``, their results contain the particles."""
@@ -276,20 +304,31 @@ class _Together:
         self.jobs, self.brought = jobs, brought
         self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.rows: list[LedgerRow] = []  # of the present state, filled on first use
-        views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
+        self.joining: list[tuple[int, Particles]] = []  # scene, and particles that wait to join it
+        views = [cast(Backend, _View(self, k)) for k in range(len(jobs))]
         self.runs = [
-            Run(view, job.scene, job.control, job.progress, None, job.structures) for view, job in zip(views, jobs, strict=True)
+            Run(view, job.scene, job.control, job.progress, None, job.structures, job.bed)
+            for view, job in zip(views, jobs, strict=True)
         ]
         for run, job in zip(self.runs, jobs, strict=True):
             run.count(job.particles)
+            if job.bed:
+                job.bed.begin(job.particles)
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()
 
-    def _rows(self) -> list[LedgerRow]:
+    def rows_of(self, batch: SceneBatch) -> list[LedgerRow]:
+        """Rows of the ledger of all scenes of the batch."""
         if not self.rows:
-            self.rows = self.batch.ledgers()
+            self.rows = batch.ledgers()
         return self.rows
+
+    def join(self) -> None:
+        """Let all particles join that wait."""
+        if self.joining:
+            self.batch.join(self.joining)
+            self.joining, self.rows = [], []
 
     def outcomes(self) -> Iterator[tuple[int, Result | RunoutError]]:
         """Number and outcome of each run, in the order in which they end."""
@@ -309,6 +348,7 @@ class _Together:
 
     def _advance(self, running: set[int]) -> None:
         """Make a sequence of steps of all runs; a run whose observation is due earlier waits."""
+        self.join()
         for k in running:
             if self.todo[k] == 0:
                 self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)

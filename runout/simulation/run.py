@@ -247,7 +247,7 @@ class Run:
         """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
             if self.forces.structures:
-                self.forces.record(self.time, self._structure_impulses())
+                self.forces.record(self.time, self.engine.structure_impulses())
             self._note(self.time, self._columns())
             self._keep_snapshots()
             self._observe()
@@ -343,7 +343,7 @@ class Run:
         if self.bed and self.time >= self.bed.due - self._rounding:
             self._erode(self.bed)
         if self.time >= self.forces.due - self._rounding:
-            self.forces.record(self.time, self._structure_impulses())
+            self.forces.record(self.time, self.engine.structure_impulses())
         self._keep_snapshots()
         if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
             self._observe()
@@ -391,12 +391,7 @@ class Run:
     @property
     def counters(self) -> Counters:
         """Work since the start of the run."""
-        return self.bed.counters(self.engine.counters) if self.bed else self.engine.counters
-
-    def _structure_impulses(self) -> np.ndarray:
-        """Impulses (patches, 3) [N s] since the start of the run."""
-        impulses = self.engine.structure_impulses()
-        return self.bed.structure_impulses(impulses) if self.bed else impulses
+        return self.engine.counters
 
     @property
     def _rounding(self) -> float:
@@ -435,7 +430,7 @@ class Run:
         if self.reason and self.peaks.time < self.time:
             self._note(self.time, self._columns())
         if self.reason and self.forces.structures and self.forces.times[-1] < self.time:
-            self.forces.record(self.time, self._structure_impulses())
+            self.forces.record(self.time, self.engine.structure_impulses())
         if self.progress:
             self.progress(1.0 if self.reason else self.time / control.end_time)
         self.observing += clock.perf_counter() - started

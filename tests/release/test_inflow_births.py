@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from runout import Hydrograph, Inflow, Terrain
@@ -33,6 +33,7 @@ def births(one):
     return inlet.births_over_polygon(one, how) if one.line is None else inlet.births_at_line(one, how, inlet.slope_at(one))
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.tuples(st.floats(0.01, 5.0), numbers), min_size=2, max_size=8), st.floats(0.0, 1.0))
 def test_the_time_of_a_volume_is_the_inverse_of_the_volume_at_a_time(rows, share):
     steps, rate = np.array(rows).T

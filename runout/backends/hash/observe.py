@@ -17,7 +17,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _slopes, _strain_of
-from runout.backends.hash.groups import BlockGroup, Constants, ParticleGroup, SceneGroup, StatusGroup, SumGroup
+from runout.backends.hash.groups import BlockGroup, Constants, ParticleGroup, PoreGroup, SceneGroup, StatusGroup, SumGroup
 from runout.backends.hash.layout import (
     AFFINE,
     BLOCKS,
@@ -45,6 +45,7 @@ from runout.physics.moments import gradient_column as gradient_column64
 from runout.physics.moments import kinetic_energy as kinetic_energy64
 from runout.physics.moments import potential_energy as potential_energy64
 from runout.physics.moments import stress_columns
+from runout.physics.pore_pressure import pore_ratio
 
 whole5: Any = None  # five whole numbers; the binding puts it in its place
 add_wholes: Any = None  # adds them to those at a place; likewise
@@ -318,3 +319,32 @@ def add_columns(
                 for d in range(3):
                     added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 3]))
                 add_wholes(raster, o, added)
+
+
+def weigh_plan(
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, pores: PoreGroup, window: Ints, scale: wp.float64, sums: Longs
+):  # fmt: skip
+    """Add mass, and mass times pore pressure ratio, of each particle of a scene to (releases x 2 x nx x ny) sums, by nearest node.
+
+    ``window``: first node east and north, nodes east and north, scene, its first release, whether any mass is wet. The sums are
+    whole numbers, ``scale`` to a kilogram, exact in any order.
+    """
+    p = wp.tid()
+    k = particles.key[p]
+    if k < 0 or blocks.member[wp.max(k, 0) >> 6] != window[4]:
+        return
+    b = k >> 6
+    i = 4 * blocks.coordinates[b, 0] + ((k >> 4) & 3) + int(wp.rint(particles.rec[OFFSET, p])) - window[0]
+    j = 4 * blocks.coordinates[b, 1] + ((k >> 2) & 3) + int(wp.rint(particles.rec[OFFSET + 1, p])) - window[1]
+    j -= scenes.shift[window[4]]
+    if i < 0 or j < 0 or i >= window[2] or j >= window[3]:
+        return
+    release = int(particles.release[p])
+    nodes = window[2] * window[3]
+    o = 2 * (release - window[5]) * nodes + i * window[3] + j
+    m = wp.float64(particles.rec[MASS, p]) * scale
+    wp.atomic_add(sums, o, wp.int64(wp.round(m)))
+    if window[6] != 0:
+        n = particles.number[p]
+        ratio = pore_ratio(pores.excess[n], pores.left[n], pores.records[release])
+        wp.atomic_add(sums, o + nodes, wp.int64(wp.round(m * wp.float64(ratio))))

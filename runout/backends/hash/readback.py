@@ -16,7 +16,7 @@ from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_eac
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.hash.parts import Parts
-from runout.backends.protocol import LedgerRow, RasterSums
+from runout.backends.protocol import BoxSums, LedgerRow, RasterSums
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
 
@@ -168,6 +168,31 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
     return dict.fromkeys(bounds, footprints.nothing()) | found
 
 
+def boxes(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> BoxSums | None:
+    """Sums of boxes over a window of the lattice that holds all mass of a scene; None without any."""
+    bounds, s = bounds_of(parts, report, scene), parts.scenes.scenes[scene]
+    if bounds is None:
+        return None
+    window = footprints.Lattice.around(s, *bounds)
+    sums = LaunchedSums(parts, accounts, {scene: window}).arrived()[scene][1]
+    return footprints.boxes_on(_lanes(sums), window, s.raster)
+
+
+def plan_masses(
+    parts: Parts, accounts: Sequence[Account], scene: int, first: tuple[int, int], shape: tuple[int, int]
+) -> np.ndarray:
+    """Mass, and mass times pore pressure ratio, (releases, 2, nx, ny) of a scene by release around nodes of the plan."""
+    scenes = parts.scenes
+    begin, end = (int(n) for n in scenes.first_release[scene : scene + 2])
+    size = (end - begin) * 2 * shape[0] * shape[1]
+    require_index(size, "masses around nodes")
+    window = wp.array(np.array([*first, *shape, scene, begin, int(scenes.wet)], np.int32), dtype=wp.int32)
+    sums, scale = wp.zeros(size, dtype=wp.int64), WHOLE / max(accounts[scene].mass, 1e-30)
+    groups = parts.store.group, parts.index.block_group, scenes.group, parts.nodes.pore_group
+    run(parts.k.weigh_plan, parts.store.size, *groups, window, wp.float64(scale), sums)
+    return sums.numpy().reshape(end - begin, 2, *shape) / scale  # type: ignore[no-any-return]
+
+
 def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:
     """Lowest and highest node (2,) in plan that the particles cover, ``margin`` nodes farther out; None without particles."""
     low, high = 4 * report.rows(parts)[scene, -6:].reshape(2, 3)[:, :2]
@@ -179,8 +204,12 @@ def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Boun
 
 def columns_from(s: Scene, account: Account, lattice: footprints.Lattice, sums: np.ndarray) -> RasterSums:
     """Columns over a window of the lattice from sums (rows, columns, 5) over it."""
-    lanes = np.ascontiguousarray(np.moveaxis(sums[..., LANES], -1, 0))
-    return footprints.spread(lanes, lattice, s.raster, account.particle_volume)
+    return footprints.spread(_lanes(sums), lattice, s.raster, account.particle_volume)
+
+
+def _lanes(sums: np.ndarray) -> np.ndarray:
+    """Volume, momentum (3) and mass (5, rows, columns) of sums (rows, columns, 5)."""
+    return np.ascontiguousarray(np.moveaxis(sums[..., LANES], -1, 0))
 
 
 class LaunchedSums:
