@@ -104,6 +104,11 @@ _TERRAIN_MAPS = {
     "elevation_known": Variable("1", "whether the cell has an elevation (1) or not (0)", dtype="uint8", valid_min=0, valid_max=1),
     "ground_slope": Variable("degree", "slope of the ground", "ground_slope_angle", valid_min=0.0, valid_max=90.0),
     "release_thickness": _positive("m", "thickness of the release, vertical", comment="before any sampled factor"),
+    "inflow_thickness": _positive(
+        "m",
+        "thickness of the inflows, vertical",
+        comment="largest at their lines, on a strip of two cells; before any sampled factor",
+    ),
 }
 
 

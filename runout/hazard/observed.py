@@ -120,7 +120,7 @@ def scored(
 
 
 def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: Sequence[Release], results: Path) -> Setting:
-    released = thickness_of(releases, terrain)
+    released = thickness_of(site.masses() if site.settings.inflow else releases, terrain)
     start = None
     if observed.thalweg is not None:
         start = release_point(terrain.easting, terrain.northing, terrain.elevation, released)

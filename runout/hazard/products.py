@@ -28,6 +28,7 @@ from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of
 from runout.model.release import Release, thickness_of
 from runout.model.terrain import Terrain
+from runout.quantities import INFLOW_MAP
 from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
 from runout.terrain.fill import continued
@@ -164,6 +165,8 @@ def hazard_dataset(
         "ground_slope": ground_slope(terrain),
         "release_thickness": terrain.where_known(thickness_of(releases, terrain)),
     }
+    if site.settings.inflow:
+        maps[INFLOW_MAP] = terrain.where_known(thickness_of(site.masses()[len(releases) :], terrain))
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
     estimator = Estimator.of(ensemble.table, ensemble.files)

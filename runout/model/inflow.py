@@ -375,9 +375,11 @@ class Inflow:
         return f"{said}; line of {self.width:.4g} m ({across:.3g} cells), {thickness}"
 
     def record(self) -> dict[str, float]:
-        """What products keep of it: volume [m3], peak discharge [m3/s], begin and end [s] of the hydrograph, width [m]."""
+        """What products keep of it in SI units: volume, peak discharge, begin and end of the hydrograph, width and thickness."""
         h = self.hydrograph
-        return {"volume": h.volume, "peak_discharge": h.peak, "begin": h.begin, "end": h.end, "width": self.width}
+        times = {"begin": h.begin, "end": h.end}
+        thickness = self.peak_thickness() if self.line is not None else h.volume / float(self.polygon.area)
+        return {"volume": h.volume, "peak_discharge": h.peak, **times, "width": self.width, "thickness": thickness}
 
     def content(self) -> list[np.ndarray]:
         """All that particles depend on, as arrays."""
