@@ -107,7 +107,7 @@ _TERRAIN_MAPS = {
     "inflow_thickness": _positive(
         "m",
         "thickness of the inflows, vertical",
-        comment="largest at their lines, on a strip of two cells; before any sampled factor",
+        comment="largest at their lines, on a strip of two cells",
     ),
 }
 

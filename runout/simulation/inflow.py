@@ -330,3 +330,10 @@ def sources_of(
 ) -> list[HydrographSource]:  # fmt: skip
     """Sources of the inflows of a run, whose masses are numbered from ``first`` on."""
     return [source_of(one, first + k, spacing, per_axis, end_time, seed) for k, one in enumerate(inflows)]
+
+
+def record_of(sources: Sequence[HydrographSource]) -> dict[str, list[float]]:
+    """For the record of a run: volume that entered, and that of it which stood on the flow at the line [m3], by inflow."""
+    if not sources:
+        return {}
+    return {"inflow_volume": [s.entered for s in sources], "inflow_on_top_volume": [s.lifted for s in sources]}

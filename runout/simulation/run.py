@@ -351,7 +351,7 @@ class Run:
         self._go_to_next_mass()
 
     def _let_enter(self) -> None:
-        """Let mass enter that is due. With a whole mass, or the first, maps get the columns before and after: it arrives at its own time."""
+        """Let mass enter that is due. With a whole mass, or the first one, maps get the columns before and after its time."""
         entering = self.entering
         if self.reason or entering is None or entering.due > self.time + self._rounding:
             return

@@ -26,7 +26,7 @@ from runout.release.inlet import mass_at
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
 from runout.simulation.entering import Entering
 from runout.simulation.erosion import eroding_bed
-from runout.simulation.inflow import sources_of
+from runout.simulation.inflow import record_of, sources_of
 from runout.simulation.result import Result
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene, inflows_of
@@ -193,6 +193,7 @@ def simulate(
     run.seconds += clock.perf_counter() - loaded
     n_particles += entering.entered.particles if entering else 0
     result = run.result(terrain, n_particles, loaded - started)
+    result.start.update(record_of(sources))
     for name in result.never_started:
         LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
     if keep:

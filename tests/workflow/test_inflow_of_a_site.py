@@ -1,7 +1,9 @@
 """An inflow in site.yaml: what a run gets of it, sampled parameters, check, products and refusals."""
 
 import json
+import re
 
+import geopandas as gpd
 import numpy as np
 import pytest
 import xarray as xr
@@ -136,29 +138,35 @@ def test_check_says_volume_peak_and_resolution(tmp_path, capsys):
 
 def test_a_site_with_an_inflow_alone_has_all_products(tmp_path):
     """Two members with half and twice the discharge: maps, balances, record and report."""
-    folder = site_of(tmp_path / "site", ENSEMBLE)
-    assert cli.main(["run", str(folder), "--quiet"]) == ExitCode.OK
+    folder = site_of(tmp_path / "site", ENSEMBLE.replace("end_time: 20", "end_time: 20, backend: reference"))
+    assert cli.main(["run", str(folder), "--quiet", "--workers", "1"]) == ExitCode.OK
     results = folder / "results"
     with xr.open_dataset(results / "hazard.nc") as hazard, xr.open_dataset(results / "members.nc") as members:
         assert float(np.nanmax(hazard["peak_flow_thickness"])) > 1.0
         assert float(np.nansum(hazard["release_thickness"])) == 0.0
+        assert float(np.nanmax(hazard["inflow_thickness"])) == pytest.approx(6.0)
         assert set(members) >= {"discharge_factor", "inflow_delay"}
         factors = members["discharge_factor"].values
     volumes = []
     for path in sorted((results / "members").glob("*.nc")):
         with xr.open_datatree(path) as member:
-            series = member["ledger"].dataset if "ledger" in member.children else member.dataset
-            volumes.append(float(series["entered_mass"][-1]) / 2000.0)
+            volumes.append(float(member["ledger"]["entered_mass"][-1]) / 2000.0)
+            assert member.attrs["inflow_volume"] == pytest.approx(volumes[-1], rel=1e-6)
     np.testing.assert_allclose(sorted(volumes), sorted(VOLUME * factors), rtol=1e-6)
     record = json.loads((results / "run.json").read_text())
     assert record["inflows"][0]["volume"] == VOLUME
-    assert "12,000 m3" in (report := (results / "report.html").read_text()) or "1.2e+04 m3" in report
-    assert "gauge" in report
+    report = (results / "report.html").read_text()
+    assert re.search(r"Inflow gauge: 12\W000\W*m³ from 0 to 8\W*s, at most 2\W000", report)
+    assert "Inflow volume" in report
+    assert "Released volume" not in report
+    lines = gpd.read_file(results / "outlines.gpkg", layer="inflow_lines")
+    assert (lines["name"].tolist(), lines["volume_m3"].tolist()) == (["gauge"], [VOLUME])
 
 
 def test_release_and_inflow_run_together(tmp_path):
-    folder = site_of(tmp_path / "site", WITH_RELEASE.replace("members: 4", "members: 1"))
-    assert cli.main(["run", str(folder), "--quiet"]) == ExitCode.OK
+    text = WITH_RELEASE.replace("members: 4", "members: 1").replace("end_time: 20", "end_time: 9, backend: reference")
+    folder = site_of(tmp_path / "site", text)
+    assert cli.main(["run", str(folder), "--quiet", "--workers", "1"]) == ExitCode.OK
     record = json.loads((folder / "results" / "run.json").read_text())
     assert [mass["name"] for mass in record["releases"]["masses"]] == ["slab"]
     assert [one["name"] for one in record["inflows"]] == ["gauge"]
