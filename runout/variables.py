@@ -104,6 +104,11 @@ _TERRAIN_MAPS = {
     "elevation_known": Variable("1", "whether the cell has an elevation (1) or not (0)", dtype="uint8", valid_min=0, valid_max=1),
     "ground_slope": Variable("degree", "slope of the ground", "ground_slope_angle", valid_min=0.0, valid_max=90.0),
     "release_thickness": _positive("m", "thickness of the release, vertical", comment="before any sampled factor"),
+    "inflow_thickness": _positive(
+        "m",
+        "thickness of the inflows, vertical",
+        comment="largest at their lines, on a strip of two cells",
+    ),
 }
 
 
@@ -236,6 +241,8 @@ _ENSEMBLE = {
     "bed_depth_factor": Variable("1", "factor on the depth of the erodible bed", dtype="float64"),
     "bed_density": Variable("kg m-3", "density of the erodible bed", dtype="float64"),
     "bed_pore_pressure_ratio": Variable("1", "pore pressure over total normal stress in the erodible bed", dtype="float64"),
+    "discharge_factor": Variable("1", "factor on the discharge of the inflows", dtype="float64"),
+    "inflow_delay": Variable("s", "time that is added to the hydrographs of the inflows", dtype="float64"),
     "bulking": Variable("1", "volume of the deposit over that of its mass", dtype="float64"),
 }
 
@@ -259,6 +266,9 @@ _LEDGER = {
     "escaped_mass": _series("kg", "mass that left the domain"),
     "entrained_mass": _series("kg", "mass that the flow took up from an erodible bed"),
     "entrained_energy": _series("J", "energy of the mass taken up from the bed, where it lay"),
+    "entered_mass": _series("kg", "mass that entered after the start, of releases that start later and other sources"),
+    "entered_energy": _series("J", "energy of that mass where it entered, kinetic, potential and elastic"),
+    "waiting_mass": _series("kg", "mass of releases that have not started", comment="at the end: never released"),
     "entrainment_dissipation": _series("J", "energy dissipated to bring mass of the bed to the speed of the flow"),
     "kinetic_energy": _series("J", "kinetic energy"),
     "potential_energy": _series("J", "potential energy above the local origin"),

@@ -36,6 +36,7 @@ from runout.physics import (
     flow_columns,
     geostatic,
     heightfield,
+    inflow,
     moments,
     numerical_scales,
     plastic,
@@ -50,6 +51,7 @@ from runout.processes.caches import compiled_code
 PHYSICS = (
     *(tensors, bspline, moments, heightfield, elastic, plastic),
     *(geostatic, pore_pressure, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns, bed),
+    inflow,
 )
 _SETTING = threading.RLock()  # of the folder in which numba caches
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp

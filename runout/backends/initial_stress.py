@@ -1,4 +1,4 @@
-"""Initial state of a release: the stress of its own weight, or none, and pore pressure."""
+"""Initial state of a release: the stress of its own weight, or none, pore pressure, and velocity."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -8,11 +8,12 @@ import numpy as np
 
 from runout.backends import resting_loops
 from runout.backends.compile import array_binding
-from runout.backends.resting_particles import Press, Wet, loops
+from runout.backends.resting_particles import Launch, Press, Wet, loops
 from runout.errors import ConfigError, member_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
+from runout.model.release_start import StartVelocity
 from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.terrain.free_surface import FreeSurface, free_surface
 
@@ -62,6 +63,27 @@ def wetted_by(scene: Scene, releases: list[Release], seed: int) -> Wet | None:
             particles.pore_excess, particles.pore_left = ratio - pore.equilibrium(density), np.ones(len(particles))
 
     return wet
+
+
+def launched_by(scene: Scene, releases: list[Release]) -> Launch | None:
+    """Function that sets the velocity of particles of a release. None if all start at rest."""
+    if not any(r.velocity for r in releases):
+        return None
+    for release in releases:
+        if isinstance(release.velocity, StartVelocity):
+            release.velocity.direction(release)  # refuses level ground
+    ground = scene.ground
+    assert ground is not None
+
+    def launch(particles: Particles, number: int) -> None:
+        velocity = releases[number].velocity
+        if isinstance(velocity, StartVelocity):
+            x, y, _ = particles.position(np.array(scene.spacing)).T
+            particles.velocity = velocity.at(releases[number], ground, x, y)
+        elif velocity is not None:
+            particles.velocity = np.tile(np.array(velocity), (len(particles), 1))
+
+    return launch
 
 
 def effective_shares(scene: Scene, particles: Particles, number: int) -> np.ndarray | None:

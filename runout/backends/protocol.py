@@ -46,6 +46,9 @@ class LedgerRow:
     entrained_mass: float = 0.0  # [kg] from an erodible bed; backends know no bed, the run books it
     entrained_energy: float = 0.0  # [J] that this mass brought
     entrainment_dissipation: float = 0.0  # [J] to bring it to the speed of the flow
+    entered_mass: float = 0.0  # [kg] from releases that start later and other sources; the run books it, as what follows
+    entered_energy: float = 0.0  # [J] that this mass brought, kinetic, potential and elastic
+    waiting_mass: float = 0.0  # [kg] of releases that have not started
 
 
 def box_blocks(coordinates: np.ndarray) -> int:

@@ -5,7 +5,8 @@ the same bits on every machine.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -30,6 +31,7 @@ from runout.release.sample import Sampling, kept_inside, particles_per_axis, pre
 Press = Callable[[Particles, np.ndarray, int], None]
 Wet = Callable[[Particles, int], None]
 Settle = Callable[[Particles], Particles]
+Launch = Callable[[Particles, int], None]
 
 
 @cache
@@ -161,6 +163,8 @@ class ReleaseParticles:
         Sets the pore pressure of particles of a release from its number, before ``press``.
     settle : callable, optional
         Moves particles that start where they cannot.
+    launch : callable, optional
+        Sets the velocity of particles of a release from its number, also of those without stress.
 
     Raises
     ------
@@ -180,11 +184,13 @@ class ReleaseParticles:
         press: Press | None = None,
         wet: Wet | None = None,
         settle: Settle = lambda particles: particles,
+        launch: Launch | None = None,
     ):
         if len(releases) != len(materials):
             raise ConfigError(f"{len(materials)} materials for {len(releases)} releases; give one each")
         require_apart(list(releases))
-        self.how, self.press, self.wet, self.settle = how, press, wet, settle
+        self.how, self.press, self.wet, self.settle, self.launch = how, press, wet, settle, launch
+        self.numbers = tuple(range(len(releases)))
         self.density = [float(material.density) for material in materials]
         pairs = zip(releases, self.density, strict=True)
         self.filled = [_Filled(release, how.columns(release), surface, how, density) for release, density in pairs]
@@ -192,10 +198,18 @@ class ReleaseParticles:
     def __len__(self) -> int:
         return sum(int(filled.columns.rows.sum()) for filled in self.filled)
 
+    def of(self, numbers: Sequence[int], surface: NodalSurface) -> "ReleaseParticles":
+        """The particles of some of these releases, by their ``numbers`` among all, on another ``surface``."""
+        some = copy(self)
+        some.numbers = tuple(numbers)
+        filled = dict(zip(self.numbers, self.filled, strict=True))
+        some.filled = [replace(filled[number], surface=surface) for number in numbers]
+        return some
+
     def chunks(self, stressed: bool = True) -> Iterator[Particles]:
         """The particles in their order: release by release, column by column."""
         first = 0
-        for number, filled in enumerate(self.filled):
+        for number, filled in zip(self.numbers, self.filled, strict=True):
             for particles, depth in filled.chunks(number):
                 particles.release[:] = number
                 particles.identity += first
@@ -204,14 +218,18 @@ class ReleaseParticles:
                     self.wet(particles, number)
                 if stressed and self.press:
                     self.press(particles, depth, number)
+                if self.launch:
+                    self.launch(particles, number)
                 yield self.settle(particles)
 
     def sums(self, density: np.ndarray) -> Sums:
         """Sums over all particles."""
+        if not self.filled:
+            return Sums(0.0, 0.0)
         mass = np.concatenate([np.repeat(one.volumes * one.density, one.columns.rows) for one in self.filled])
         total = float(mass.sum())
         sizes = [int(filled.columns.rows.sum()) for filled in self.filled]
-        for part, own in zip(np.split(mass, np.cumsum(sizes)[:-1]), density, strict=True):
+        for part, own in zip(np.split(mass, np.cumsum(sizes)[:-1]), density[list(self.numbers)], strict=True):
             part /= own
         return Sums(total, float(np.mean(mass)))
 
@@ -222,6 +240,8 @@ class ReleaseParticles:
             release, columns = filled.release, filled.columns
             yield from (release.thickness, release.excavation, release.terrain.elevation)
             yield from (columns.index, columns.thickness, columns.cut, columns.shift, filled.volumes)
+            if release.waits or release.velocity:
+                yield np.frombuffer(repr((release.start_time, release.velocity, release.starts_when)).encode(), np.uint8)
             if release.pore_pressure is not None:
                 yield from release.pore_pressure.content()
             if release.outline is not None:

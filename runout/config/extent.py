@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, SiteFriction, sampled_ranges
+from runout.config.inflow import read_inflows
 from runout.config.input_readers import read_elevations, read_releases, read_zones
 from runout.config.member_arguments import grid_spacing, material, sampled_releases
 from runout.config.pore_pressure import SAMPLED, sampled_pores
@@ -21,7 +22,7 @@ from runout.io.source_kinds import holds_geometries
 from runout.io.window import LARGEST_WHOLE, Bounds, part_of
 
 if TYPE_CHECKING:
-    from runout.config.schema import ReleaseSettings, SiteSettings
+    from runout.config.schema import SiteSettings
     from runout.config.site_files import SiteFiles
     from runout.io.elevation_raster import Header
     from runout.model.release import Release
@@ -81,7 +82,9 @@ def needed_extent(settings: "SiteSettings", file: Path) -> DerivedExtent | None:
         header = read_header(locate(settings.terrain.dem, file.parent), settings.terrain.crs)
     if header.cells <= LARGEST_WHOLE:
         return None
-    boxes = [release_bounds(release, file.parent, header) for release in settings.release]
+    places = [(release.polygons, release.raster, release.layer) for release in settings.release]
+    places += [(one.line or one.polygon, None, one.layer) for one in settings.inflow or []]
+    boxes = [release_bounds(*place, file.parent, header) for place in places]
     if not boxes or not {ANGLE, KEY} & settings.model_fields_set:
         unknown = "and site.yaml does not say yet where masses may get"
         raise DemError(f"{header.source}: {_too_many(header)}, {unknown}; {_state(header)}")
@@ -104,7 +107,6 @@ def extent_around(dem: Path | str, release: Path, crs: str | None = None) -> Bou
     InputError
         If a file cannot be used.
     """
-    from runout.config.schema import ReleaseSettings
     from runout.terrain.read import read_header
 
     header = read_header(dem, crs)
@@ -112,25 +114,26 @@ def extent_around(dem: Path | str, release: Path, crs: str | None = None) -> Bou
         return None
     is_vector = holds_geometries(release)
     path = str(release.absolute())
-    settings = ReleaseSettings.model_construct(polygons=path) if is_vector else ReleaseSettings.model_construct(raster=path)
-    west, south, east, north = release_bounds(settings, Path(), header)
+    west, south, east, north = release_bounds(path if is_vector else None, path, None, Path(), header)
     dx, dy = FIRST * abs(header.transform[0]), FIRST * abs(header.transform[4])
     return west - dx, south - dy, east + dx, north + dy
 
 
-def release_bounds(release: "ReleaseSettings", folder: Path, header: "Header") -> Bounds:
-    """West, south, east and north of a release in the coordinates of an elevation raster's file."""
+def release_bounds(vector: str | None, raster: Any, layer: str | None, folder: Path, header: "Header") -> Bounds:
+    """West, south, east and north of a release or an inflow in the coordinates of an elevation raster's file.
+
+    ``vector`` names the file of its polygons or its line, else ``raster`` that of its thickness.
+    """
     from pyproj import Transformer
     from pyproj.exceptions import ProjError
 
     from runout.io.layer_crs import stated_crs
     from runout.release.bounds import polygon_bounds, thickness_bounds
 
-    if release.polygons is not None:
-        place = polygon_bounds(Path(locate(release.polygons, folder)), release.layer, header.crs)
+    if vector is not None:
+        place = polygon_bounds(Path(locate(vector, folder)), layer, header.crs)
     else:
-        assert release.raster is not None  # the settings hold one of the two
-        place = thickness_bounds(Path(locate(release.raster, folder)), _state(header))
+        place = thickness_bounds(Path(locate(raster, folder)), _state(header))
     target = stated_crs(header.crs)
     if place.crs is None or target is None:
         return place.edges
@@ -180,11 +183,13 @@ def _touched(reach: np.ndarray) -> tuple[bool, bool, bool, bool]:
 
 def _reach(settings: "SiteSettings", file: Path, terrain: "Terrain") -> tuple[float, np.ndarray]:
     """Smallest friction angle [rad] and the cells (rows, columns) within reach of the largest masses of the ensemble."""
+    from runout.release.inlet import mass_at
     from runout.terrain.prepare import reachable
 
     largest = max(1.0, _support(settings, "release_volume_factor", 1.0)[1])
     read = read_releases(settings, file, terrain).require()
-    releases = sampled_releases(settings, read, {"release_volume_factor": largest})
+    inflows = read_inflows(settings, file, terrain).require()
+    releases = [*sampled_releases(settings, read, {"release_volume_factor": largest}), *map(mass_at, inflows)]
     angle = _least_friction(settings, file, terrain, releases)
     return angle, reachable(terrain, np.sum([release.thickness for release in releases], axis=0), angle)
 

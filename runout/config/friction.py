@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from pydantic import ValidationInfo, create_model
 
@@ -17,8 +17,12 @@ from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.limits import Range
 
 if TYPE_CHECKING:
-    from runout.config.schema import SiteSettings
+    from runout.config.inflow import InflowSettings
+    from runout.config.schema import ReleaseSettings, SiteSettings
+    from runout.model.inflow import Inflow
     from runout.model.release import Release
+
+    Mass = TypeVar("Mass", Release, Inflow)
 
 PREFIX = "basal_"  # of the parameters of friction among those of an ensemble
 ANGLE = "basal_friction_angle_deg"  # short form of the parameter of the default law
@@ -126,9 +130,10 @@ class SiteFriction:
         found = self.arguments(sample)
         return found["basal_friction"] if "basal_friction" in found else math.radians(found["basal_friction_angle"])
 
-    def under(self, releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[Release]":
-        """The releases with what site.yaml states for each; the other parameters of the law are those of a member."""
-        own = {r.name: r.basal_friction for r in self.settings.release if r.basal_friction}
+    def under(self, releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
+        """The releases or inflows with what site.yaml states for each; the other parameters of the law are those of a member."""
+        stated: list[ReleaseSettings | InflowSettings] = [*self.settings.release, *(self.settings.inflow or [])]
+        own = {r.name: r.basal_friction for r in stated if r.basal_friction}
         if not own or not {ANGLE, KEY} & self.settings.model_dump(include={ANGLE, KEY}, exclude_none=True).keys():
             return list(releases)  # of a file that states no friction yet nothing more can be said
         made = {name: self._block.sampled_friction(sample, values) for name, values in own.items()}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from runout.config import pore_pressure
 from runout.config.fetch import locate
 from runout.config.friction import SiteFriction
+from runout.config.release_start import start_of
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.stated_at import Reading, read_each, release_number, stated_at
 from runout.io.source_kinds import is_mesh
@@ -107,6 +108,8 @@ def _placed_release(entry: ReleaseSettings, file: Path, terrain: "Terrain") -> "
     number = partial(release_number, file, entry.name)
     with stated_at(file, "release", number, key):
         release = _release(entry, file, terrain)
+        if start := start_of(entry):
+            release = replace(release, **start)
     if entry.pore_pressure is None:
         return release
     with stated_at(file, "release", number, "pore_pressure", "ratio"):

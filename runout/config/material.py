@@ -1,12 +1,12 @@
 """Settings of the material and of sampled parameters, derived from the declarations of the laws."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache, partial
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, ValidationInfo, create_model
 
-from runout.config import bed, pore_pressure
+from runout.config import bed, inflow, pore_pressure, release_start
 from runout.config import friction as basal
 from runout.config.declared import sampled_in
 from runout.config.distributions import Distribution, Settings, within_range
@@ -18,7 +18,7 @@ from runout.model.limits import LIMITS, Range
 from runout.model.materials import Material
 
 DEFAULT_LAW = "drucker_prager"
-OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED
+OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED | inflow.SAMPLED
 
 
 class MaterialSettings(LawSettings):
@@ -50,10 +50,11 @@ def sampled_ranges(
 
 @cache
 def _parameters(
-    law: Law | None, friction: FrictionLaw | None, erosion: ErosionLaw | None, _known: tuple[Any, ...]
+    law: Law | None, friction: FrictionLaw | None, erosion: ErosionLaw | None, starts: tuple[str, ...], _known: tuple[Any, ...]
 ) -> type[Settings]:
     """Settings model with a distribution for each parameter that may be sampled; ranges are those of the laws."""
     ranges = sampled_ranges() | sampled_ranges(law, friction, erosion)
+    ranges |= {key: valid for key in starts if (valid := release_start.own_range(key))}
     fields: dict[str, Any] = {
         key: (Annotated[Distribution, AfterValidator(partial(within_range, valid))] | None, None) for key, valid in ranges.items()
     }
@@ -61,10 +62,14 @@ def _parameters(
 
 
 def parameters_model(
-    law: Law | None = None, friction: FrictionLaw | None = None, erosion: ErosionLaw | None = None
+    law: Law | None = None, friction: FrictionLaw | None = None, erosion: ErosionLaw | None = None, keys: Iterable[Any] = ()
 ) -> type[Settings]:
-    """Settings of ``ensemble.parameters`` for laws of material, friction and erosion; each field is a distribution."""
-    return _parameters(law, friction, erosion, (*LAWS.known(), *FRICTIONS.known(), *EROSIONS.known()))
+    """Settings of ``ensemble.parameters`` for laws of material, friction and erosion; each field is a distribution.
+
+    Among some ``keys``, those that name the start of a release are fields, too.
+    """
+    starts = tuple(sorted(key for key in keys if isinstance(key, str) and release_start.own_range(key)))
+    return _parameters(law, friction, erosion, starts, (*LAWS.known(), *FRICTIONS.known(), *EROSIONS.known()))
 
 
 def sampled_parameters(block: Any, info: ValidationInfo) -> Any:
@@ -75,7 +80,7 @@ def sampled_parameters(block: Any, info: ValidationInfo) -> Any:
     if not isinstance(block, dict):
         return block
     context = info.context or {}
-    checked = parameters_model(context.get("law"), context.get("friction"), context.get("erosion")).model_validate(block)
+    checked = parameters_model(context.get("law"), context.get("friction"), context.get("erosion"), block).model_validate(block)
     return {name: getattr(checked, name) for name in block}
 
 

@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from runout.config import bed
+from runout.config import bed, inflow
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.pore_pressure import sampled_pores
+from runout.config.release_start import sampled_ranges as sampled_starts_of
+from runout.config.release_start import sampled_starts
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
 from runout.forecast.accuracy import CellSize, choices
@@ -16,6 +18,7 @@ from runout.model.numerics import Numerics
 
 if TYPE_CHECKING:
     from runout.config.site import SiteData
+    from runout.model.inflow import Inflow
     from runout.model.materials import Material
     from runout.model.release import Release
 
@@ -32,6 +35,7 @@ def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:
     if not sample:  # a site with an invalid material block has no material
         return {}
     ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
+    ranges |= sampled_starts_of(settings.release)
     unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
     if unknown:
         raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
@@ -48,7 +52,24 @@ def sampled_releases(settings: SiteSettings, releases: "Sequence[Release]", samp
     parameters = sampled(settings, sample)
     factor = parameters.get("release_volume_factor", 1.0)
     wetted = sampled_pores(SiteFriction(settings).under(releases, parameters), parameters)
-    return [r.scaled(factor) if factor != 1.0 else r for r in wetted]
+    return sampled_starts([r.scaled(factor) if factor != 1.0 else r for r in wetted], parameters)
+
+
+def sampled_inflows(settings: SiteSettings, inflows: "Sequence[Inflow]", sample: Sample | None = None) -> "list[Inflow]":
+    """Inflows that were read as stated, with the friction of site.yaml and the sampled discharge and delay."""
+    if not inflows:
+        return []
+    parameters = sampled(settings, sample)
+    wetted = sampled_pores(SiteFriction(settings).under(inflows, parameters), parameters)
+    return inflow.of_member(wetted, parameters)
+
+
+def sampled_masses(settings: SiteSettings, data: "SiteData", sample: Sample | None = None) -> "list[Release]":
+    """Releases of a member, and the masses of its inflows at their lines as forecasts see them."""
+    from runout.release.inlet import mass_at
+
+    inflows = sampled_inflows(settings, data.inflows, sample)
+    return [*sampled_releases(settings, data.releases, sample), *map(mass_at, inflows)]
 
 
 def cell_size(settings: SiteSettings, releases: "Sequence[Release]") -> CellSize:
@@ -75,14 +96,14 @@ def default_particles(
 
     parameters = sampled(settings, sample)
     height = size[2] if isinstance(size, Sequence) else size
-    releases, basal = sampled_releases(settings, data.releases, parameters), SiteFriction(settings).of_run(parameters)
+    releases, basal = sampled_masses(settings, data, parameters), SiteFriction(settings).of_run(parameters)
     return arrangement.default_particles(releases, material(settings, parameters), basal, height, data.friction_zones)
 
 
 def member_arguments(settings: SiteSettings, data: "SiteData", sample: Sample | None = None) -> dict[str, Any]:
     """Arguments of :func:`runout.simulate` for a member with the parameters of ``sample``, and its seed if it holds one."""
     parameters, simulation = sampled(settings, sample), settings.simulation
-    size = cell_size(settings, data.releases)
+    size = cell_size(settings, data.masses)
     count = _fixed(simulation.particles_per_cell)
     arguments = {
         "terrain": data.terrain,
@@ -97,6 +118,7 @@ def member_arguments(settings: SiteSettings, data: "SiteData", sample: Sample | 
         **{name: getattr(simulation, name) for name in OF_SIMULATION},
     }
     more: dict[str, Any] = {"structures": data.structures, "probes": data.probes, **bed.of_member(settings, data.bed, parameters)}
+    more["inflow"] = sampled_inflows(settings, data.inflows, parameters)
     if simulation.snapshots:
         more["snapshot_times"] = even_times(simulation.end_time, simulation.snapshots)
     return arguments | {name: value for name, value in more.items() if value}

@@ -2,6 +2,7 @@
 
 import re
 
+from runout.config import release_start
 from runout.config.bed import PREFIX as ERODES
 from runout.config.friction import PREFIX
 from runout.errors import ConfigError
@@ -22,6 +23,8 @@ def parameter_variable(name: str) -> Variable:
     """
     if name in VARIABLES:
         return VARIABLES[name]
+    if valid := release_start.own_range(name):
+        return Variable(udunits(valid.unit), release_start.words_of(name), dtype="float64")
     declared = {p.key: _variable(p, "") for law in LAWS.known() for p in law.parameters if p.sampled}
     declared |= {PREFIX + p.key: _variable(p, "basal friction, ") for law in FRICTIONS.known() for p in law.parameters if p.sampled}
     declared |= {ERODES + p.key: _variable(p, "erosion, ") for law in EROSIONS.known() for p in law.parameters if p.sampled}

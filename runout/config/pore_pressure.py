@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from pydantic import Discriminator, Tag, model_validator
 
@@ -14,9 +14,12 @@ from runout.model.limits import LIMITS, Range
 from runout.model.parameters import Parameter
 
 if TYPE_CHECKING:
+    from runout.model.inflow import Inflow
     from runout.model.pore_pressure import PorePressure
     from runout.model.release import Release
     from runout.model.terrain import Terrain
+
+    Mass = TypeVar("Mass", Release, Inflow)
 
 KEY = "pore_pressure"
 PREFIX = "pore_pressure_"  # of its numbers among the parameters of an ensemble
@@ -97,8 +100,8 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
     return PorePressure(ratio=ratio, **settings.model_dump(include={*NUMBERS}))
 
 
-def sampled_pores(releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[Release]":
-    """The releases with sampled numbers of pore pressure in the place of those that they state."""
+def sampled_pores(releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
+    """The releases or inflows with sampled numbers of pore pressure in the place of those that they state."""
     if not any(name in sample for name in SAMPLED):
         return list(releases)
     return [replace(r, pore_pressure=_with_sample(r.pore_pressure, sample)) if r.pore_pressure else r for r in releases]

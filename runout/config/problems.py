@@ -12,7 +12,6 @@ from runout.config.document import Document, Location, dotted
 from runout.config.friction import BLOCK, KEY, PREFIX, own_model, stated_law
 from runout.config.law_block import LawSettings
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
-from runout.config.remote import RemoteFile
 from runout.config.schema import SimulationSettings, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
@@ -20,7 +19,6 @@ from runout.model.parameters import AUTO
 
 CHOSEN: dict[str, Any] = {  # models of the tags of tagged unions
     **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
-    "<block>": RemoteFile,
 }
 WANTED = {
     "float_type": "a number",
@@ -88,7 +86,8 @@ def _model_of_laws(part: str, model: type[BaseModel], document: Document) -> typ
     """The model of a key that depends on the laws of a file; None for any other key."""
     law, friction, erosion = known_law(document.value(("material",))), stated_law(document.values), bed.stated_law(document.values)
     if part == "parameters":
-        return parameters_model(law, friction, erosion)
+        sampled = document.value(("ensemble", "parameters"))
+        return parameters_model(law, friction, erosion, sampled if isinstance(sampled, dict) else ())
     if part == bed.EROSION and model is bed.BedSettings:
         return bed.BLOCK.settings_of(erosion) if erosion else None  # type: ignore[no-any-return]
     if part == "material":

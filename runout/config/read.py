@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runout.config import bed
+from runout.config import bed, inflow, release_start
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
@@ -20,6 +20,7 @@ from runout.config.schema import (
     accuracy_conflicts,
     device_conflicts,
     friction_conflicts,
+    mass_conflicts,
     release_conflicts,
     zone_conflicts,
 )
@@ -118,6 +119,16 @@ def _contradictions(document: Document) -> Iterator[Problem]:
             place: Location = ("release", i, "name")
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
         yield from _own_friction(document, ("release", i), release, sampled)
+    inflows = _blocks(document, (inflow.INFLOW,))
+    for i, one in enumerate(inflows):
+        yield from _problems(document, (inflow.INFLOW, i), inflow.inflow_conflicts(_stated(one)) if one else ())
+        others = names + [other.get("name", inflow.INFLOW) for other in inflows[:i]]
+        if (name := one.get("name", inflow.INFLOW)) in others:
+            where: Location = (inflow.INFLOW, i, "name")
+            yield document.problem(where, f"two masses are called {name!r}", "give each its own name")
+        yield from _own_friction(document, (inflow.INFLOW, i), one, sampled)
+    for i, key, message, fix in release_start.start_conflicts(document.values):
+        yield document.problem(("release", i, key), message, fix)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
         yield from _problems(document, ("terrain", "friction_zones", i), zone_conflicts(_stated(zone)) if zone else ())
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
@@ -128,9 +139,12 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
     yield from _problems(document, (), friction_conflicts(_stated(document.values)))
+    yield from _problems(document, (), mass_conflicts(_stated(document.values)))
     yield from _problems(document, (bed.BED,), bed.bed_conflicts(_stated(document.value((bed.BED,)))))
-    yield from _problems(document, ("ensemble", "parameters"), unused_samples(releases, sampled))
+    yield from _problems(document, ("ensemble", "parameters"), unused_samples([*releases, *inflows], sampled))
+    yield from _problems(document, ("ensemble", "parameters"), inflow.foreign_parameters(document.values, sampled))
     yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))
+    yield from _problems(document, ("ensemble", "parameters"), release_start.foreign_parameters(document.values, sampled))
     foreign = foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)
     yield from _problems(document, ("ensemble", "parameters"), foreign)
 

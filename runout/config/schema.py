@@ -11,6 +11,8 @@ from runout.config.distributions import Distribution, Settings, limited, quantit
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
+from runout.config.inflow import SETTINGS as INFLOW
+from runout.config.inflow import InflowSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.observations import OBSERVATIONS, ObservationSettings
 from runout.config.pore_pressure import PorePressureSettings
@@ -26,6 +28,7 @@ from runout.config.quantities import (
     Text,
     Thickness,
 )
+from runout.config.release_start import START_TIME, START_VELOCITY, STARTS_WHEN, ArrivalSettings, Velocity
 from runout.config.remote import InputFile
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
@@ -58,6 +61,13 @@ def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
         yield KEY, f"{ANGLE} is given too", "remove one of the two"
     elif not {ANGLE, KEY} & given.keys():
         yield ANGLE, "required key is missing", f"add it: friction angle of the mass on the ground [deg]; or {KEY}: {{law: ...}}"
+
+
+def mass_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+    """Neither a release nor an inflow."""
+    if not given.get("release") and not given.get("inflow"):
+        message = "the list is empty" if "release" in given else "required key is missing"
+        yield "release", message, "add it: a list of the masses that start to move; or inflow: [{line: ..., hydrograph: ...}]"
 
 
 def terrain_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
@@ -248,6 +258,9 @@ class ReleaseSettings(Settings):
         None,
         examples=[{"ratio": 0.7, "saturation": 1.0, "diffusivity": 1.0e-3}],
     )
+    start_time: float | None = START_TIME
+    velocity: Velocity | None = START_VELOCITY
+    starts_when: ArrivalSettings | None = STARTS_WHEN
 
     @model_validator(mode="after")
     def _complete(self) -> "ReleaseSettings":
@@ -330,7 +343,8 @@ class EnsembleSettings(Settings):
     )
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
-        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); "
+        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); of "
+        "a release NAME start_time_NAME and start_speed_NAME; "
         "each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},
@@ -402,7 +416,8 @@ class SiteSettings(Settings):
     )
     terrain: TerrainSettings = quantity("the terrain")
     structures: list[StructureSettings] | None = STRUCTURES
-    release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
+    release: list[ReleaseSettings] = quantity("the masses that start to move, a list; none where an inflow is all there is", [])
+    inflow: list[InflowSettings] | None = INFLOW
     material: Annotated[SerializeAsAny[MaterialSettings], BeforeValidator(validated_material)] = quantity("the material")
     basal_friction_angle_deg: Degrees | None = limited(
         "basal_friction_angle", "friction angle of the mass on the ground", None, examples=[20.0]
@@ -432,4 +447,9 @@ class SiteSettings(Settings):
     @model_validator(mode="after")
     def _one_friction(self) -> "SiteSettings":
         _raise_first(friction_conflicts(self.model_dump(include={ANGLE, KEY}, exclude_none=True)))
+        return self
+
+    @model_validator(mode="after")
+    def _some_mass(self) -> "SiteSettings":
+        _raise_first(mass_conflicts({"release": self.release, "inflow": self.inflow}))
         return self

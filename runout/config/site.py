@@ -18,6 +18,7 @@ from runout.model.laws import LAWS
 if TYPE_CHECKING:
     from runout.model.bed import Bed
     from runout.model.friction import FrictionZones
+    from runout.model.inflow import Inflow
     from runout.model.materials import Material
     from runout.model.probes import Probes
     from runout.model.release import Release
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes, bed."""
+    """Inputs that all members share: terrain, releases of volume factor 1, friction zones, structures, probes, bed, inflows."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
@@ -35,6 +36,14 @@ class SiteData:
     structures: "Structures | None" = None
     probes: "Probes | None" = None
     bed: "Bed | None" = None
+    inflows: "tuple[Inflow, ...]" = ()
+
+    @property
+    def masses(self) -> "tuple[Release, ...]":
+        """Releases, and the masses of the inflows at their lines as forecasts see them."""
+        from runout.release.inlet import mass_at
+
+        return (*self.releases, *map(mass_at, self.inflows))
 
 
 @dataclass(frozen=True)
@@ -92,6 +101,22 @@ class Site:
         """
         return of_members.sampled_releases(self.settings, self.files.releases(terrain).require(), sample)
 
+    def inflows(self, sample: Mapping[str, float] | None = None) -> "list[Inflow]":
+        """The inflows in the order of site.yaml, with sampled parameters: ``discharge_factor`` [1] and ``inflow_delay`` [s].
+
+        Raises
+        ------
+        InputError
+            If an inflow cannot be used.
+        """
+        return of_members.sampled_inflows(self.settings, self.files.inflows().require(), sample)
+
+    def masses(self, sample: Mapping[str, float] | None = None) -> "list[Release]":
+        """The releases, and the masses of the inflows at their lines as forecasts see them; errors as those of both."""
+        from runout.release.inlet import mass_at
+
+        return [*self.releases(sample=sample), *map(mass_at, self.inflows(sample))]
+
     def friction_zones(self, terrain: "Terrain | None" = None) -> "FrictionZones | None":
         """The friction zones on a terrain, by default the site's own; None without any. ZoneError if they cannot be used."""
         return self.files.zones(terrain)
@@ -104,10 +129,11 @@ class Site:
         InputError
             If an input cannot be used.
         """
-        files, releases, structures = self.files, self.releases(), None
+        files, structures = self.files, None
         if may_hold_bodies(self.settings):
-            structures = files.structures(of_members.grid_spacing(self.settings, releases))
-        return SiteData(files.terrain(), tuple(releases), files.zones(), structures, files.probes(), files.bed())
+            structures = files.structures(of_members.grid_spacing(self.settings, self.masses()))
+        releases, inflows = tuple(self.releases()), tuple(files.inflows().require())
+        return SiteData(files.terrain(), releases, files.zones(), structures, files.probes(), files.bed(), inflows)
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""
@@ -155,7 +181,7 @@ class Site:
         """:meth:`resolved` without the default particles_per_cell. Releases are read only if the grid depends on them."""
         content = self.settings.model_dump(mode="json", exclude_none=True)
         if "cell_size" not in content["simulation"]:
-            content["simulation"]["cell_size"] = of_members.cell_size(self.settings, self.releases())
+            content["simulation"]["cell_size"] = of_members.cell_size(self.settings, self.masses())
         if self.files.extent is not None:
             content["terrain"]["extent"] = list(self.files.extent.edges)
         return content

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from runout.config.bed import read_bed
 from runout.config.document import Location
 from runout.config.fetch import locate
+from runout.config.inflow import read_inflows
 from runout.config.input_readers import build_obstacles, read_elevations, read_releases, read_zones
 from runout.config.observations import READERS, read_observations
 from runout.config.probes import read_probes
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent
     from runout.model.bed import Bed
     from runout.model.friction import FrictionZones
+    from runout.model.inflow import Inflow
     from runout.model.probes import Probes
     from runout.model.release import Release
     from runout.model.structures import Structures
@@ -46,10 +48,11 @@ PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, b
     "probes": (("probes", "points"), ("probes", "cross_sections")),
     "structures": (("structures", EACH, "file"),),
     "bed": (("bed", "polygons"), ("bed", "depth")),
+    "inflows": tuple(("inflow", EACH, *key) for key in (("line",), ("polygon",), ("hydrograph",), ("pore_pressure", "ratio"))),
     "observations": tuple(("observations", name, key) for name, (key, _) in READERS.items()),
     "protected": (("structures", EACH, "protects"),),  # areas behind dams
 }
-OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed")  # parts that members depend on
+OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed", "inflows")  # parts that members depend on
 OF_PRODUCTS = ("observations", "protected")
 
 
@@ -213,6 +216,10 @@ class SiteFiles:
     def bed(self) -> "Bed | None":
         """The erodible bed, without sampled parameters; None if site.yaml states none. InputError if it cannot be used."""
         return self._on_terrain("bed", partial(read_bed, self.settings, self.file))
+
+    def inflows(self) -> "Reading[list[Inflow]]":
+        """The inflows in the order of site.yaml, without sampled parameters, and the problems of those that cannot be used."""
+        return self._on_terrain("inflows", partial(read_inflows, self.settings, self.file))
 
     def observations(self) -> "Reading[Observations | None]":
         """The observations, None if site.yaml states none, and the problems of those that cannot be used."""

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.config import release_start
 from runout.ensemble.member import Member, simulate_alone, simulate_together
 from runout.ensemble.worker import Group, Task
 from runout.ensemble.workers import Share
@@ -43,9 +44,9 @@ class Work:
 
     @property
     def together(self) -> bool:
-        """Whether the members of a group share kernel launches (backend hash)."""
-        hashed = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash"
-        return self.simulate is None and hashed
+        """Whether the members of a group share kernel launches (backend hash); those into which mass enters run alone."""
+        hashed, settings = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash", self.site.settings
+        return self.simulate is None and hashed and not release_start.enters(settings) and not settings.inflow
 
     def task(self, share: Share) -> Task:
         """What a worker of a share does with a group."""

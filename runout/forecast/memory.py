@@ -13,6 +13,7 @@ from runout.errors import CapacityError
 from runout.model.basal_friction import BasalFriction
 from runout.model.bed import Bed
 from runout.model.friction_laws import FrictionLaw
+from runout.model.inflow import Inflow
 from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.numerics import Numerics, Scheme
 from runout.model.release import Release
@@ -191,6 +192,20 @@ def with_births(
     volume = float((bed.depth_on(terrain, releases) * reached).sum() * terrain.cell_area)
     per_cell = math.prod(particles_per_axis(numerics.particles_per_cell or PARTICLES_PER_CELL))
     return replace(extent, particles=extent.particles + math.ceil(volume * per_cell / math.prod(numerics.spacing)))
+
+
+def with_inflow(extent: Extent, inflows: Sequence[Inflow], numerics: Numerics, end_time: float) -> Extent:
+    """The counts with all particles that inflows bring until ``end_time`` [s], instead of those that stand for them at the line."""
+    if not inflows:
+        return extent
+    from runout.release.inlet import mass_at
+    from runout.release.sample import particles_per_axis
+
+    per_axis = particles_per_axis(numerics.particles_per_cell or PARTICLES_PER_CELL)
+    volume = sum(float(one.hydrograph.entered.at(end_time)) for one in inflows)
+    stand_ins = sum(_particles(mass_at(one), numerics.spacing, per_axis) for one in inflows)
+    born = math.ceil(volume * math.prod(per_axis) / math.prod(numerics.spacing))
+    return replace(extent, particles=max(0, extent.particles - stand_ins) + born)
 
 
 def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:

@@ -140,8 +140,9 @@ class StepTimer:
             self.progress(fraction)
 
     def note(self, arguments: Mapping[str, Any], result: Any) -> None:
-        """Note the result's cost of a step, if the member ran as a whole on one thread of the CPU and its mass stayed."""
-        mass = getattr(result, "series", {}).get("mass", ())
-        alone = arguments.get("device", "cpu") == "cpu" and arguments["threads"] == 1
+        """Note the result's cost of a step, if the member ran as a whole on one thread of the CPU and its mass stayed the same."""
+        series = getattr(result, "series", {})
+        mass = series.get("mass", ())
+        alone = arguments.get("device", "cpu") == "cpu" and arguments["threads"] == 1 and "entered_mass" not in series
         if alone and self.first == 0.0 and len(mass) and mass[-1] >= STAYED * mass[0]:
             engine_notes.note_member(arguments, self.seconds, result.steps, result.steps * result.n_particles)

@@ -96,6 +96,7 @@ def stiffness(
     line = largest_speed(releases, acting)
     ground = ground_below(materials, frictions, strength, zones, effective)
     (speed,) = slowed_by_drag(releases, [ground], np.array([line])).tolist()
+    speed = max(speed, *(r.start_speed for r in releases))
     thickness = max(float(r.thickness.max()) for r in releases)
     return Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials), speed, thickness, ground.law.drags)
 

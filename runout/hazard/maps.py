@@ -16,6 +16,7 @@ from runout.quantities import (
     ARRIVAL_PERCENTILE,
     DEPOSIT,
     FIRST_ARRIVAL,
+    INFLOW_MAP,
     QUANTITIES,
     MapQuantity,
     peak_quantities,
@@ -53,7 +54,7 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for name in dict.fromkeys((*BED_PRODUCTS, *OBSERVED_MAPS)):
+    for name in dict.fromkeys((INFLOW_MAP, *BED_PRODUCTS, *OBSERVED_MAPS)):
         if name in hazard:
             yield name, name, {}
     for quantity in QUANTITIES.values():

@@ -13,7 +13,7 @@ from runout.hazard.members import Ensemble
 from runout.hazard.order import weighted_percentiles
 from runout.io import netcdf
 from runout.io.member_maps import MemberMaps
-from runout.model.release import Release
+from runout.model.release import Release, thickness_of
 from runout.model.terrain import Terrain
 from runout.quantities import CHANGE
 from runout.scores.assessment import Assessment, Setting, against_observations, values_at_gauges
@@ -120,7 +120,7 @@ def scored(
 
 
 def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: Sequence[Release], results: Path) -> Setting:
-    released = np.sum([release.thickness for release in releases], axis=0)
+    released = thickness_of(site.masses() if site.settings.inflow else releases, terrain)
     start = None
     if observed.thalweg is not None:
         start = release_point(terrain.easting, terrain.northing, terrain.elevation, released)

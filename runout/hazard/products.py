@@ -26,8 +26,9 @@ from runout.io.member_maps import MemberMaps
 from runout.io.provenance import file_record, provenance
 from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of
-from runout.model.release import Release
+from runout.model.release import Release, thickness_of
 from runout.model.terrain import Terrain
+from runout.quantities import INFLOW_MAP
 from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
 from runout.terrain.fill import continued
@@ -162,8 +163,10 @@ def hazard_dataset(
     maps = {
         "elevation": terrain.elevation,
         "ground_slope": ground_slope(terrain),
-        "release_thickness": terrain.where_known(np.sum([release.thickness for release in releases], axis=0)),
+        "release_thickness": terrain.where_known(thickness_of(releases, terrain)),
     }
+    if site.settings.inflow:
+        maps[INFLOW_MAP] = terrain.where_known(thickness_of(site.masses()[len(releases) :], terrain))
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
     estimator = Estimator.of(ensemble.table, ensemble.files)
@@ -214,6 +217,9 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     study = stated_metadata(site)
     origin |= {"metadata": study} if study else {}
     origin["releases"] = {"masses": [record(release) for release in releases], "start": list(start_sentences(releases))}
+    if inflows := site.files.inflows().require():
+        spacing = spacing_of(origin["configuration"]["simulation"]["cell_size"])
+        origin["inflows"] = [{"name": one.name, **one.record(), "statement": one.statement(spacing)} for one in inflows]
     state |= {"growth": ensemble.growth} if ensemble.growth else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
 

@@ -48,7 +48,8 @@ def read_probes(
     changes: tuple[str, ...] = ()
     for path, layer, what in layers:
         if path is not None:
-            of_layer, notes, wrong = _read(Path(path), terrain, layer, what)
+            key = "points_layer" if what == POINTS else "cross_sections_layer"
+            of_layer, notes, wrong = _read(Path(path), terrain, layer, what, key)
             probes[what] += of_layer
             changes += notes
             problems += wrong
@@ -60,16 +61,18 @@ def read_probes(
 
 
 def read_lines(
-    path: str | PathLike[str], terrain: Terrain, layer: str | None = None
+    path: str | PathLike[str], terrain: Terrain, layer: str | None = None, key: str = "cross_sections_layer"
 ) -> tuple[tuple[CrossSection, ...], tuple[str, ...]]:
     """Lines of a vector file, checked on the terrain, and sentences on changes; they may cross cells without elevation.
+
+    ``key`` is what messages call the choice of a layer.
 
     Raises
     ------
     ConfigError
         With all problems of the file.
     """
-    lines, notes, problems = _read(Path(path), terrain, layer, LINES)
+    lines, notes, problems = _read(Path(path), terrain, layer, LINES, key)
     known = replace(terrain, elevation=np.nan_to_num(terrain.elevation))
     problems += [*name_problems(lines), *(p for one in lines for p in place_problems(one, known))]
     if problems:
@@ -77,10 +80,10 @@ def read_lines(
     return tuple(lines), notes
 
 
-def _read(path: Path, terrain: Terrain, layer: str | None, what: str) -> tuple[list[Any], tuple[str, ...], list[Problem]]:
+def _read(path: Path, terrain: Terrain, layer: str | None, what: str, key: str) -> tuple[list[Any], tuple[str, ...], list[Problem]]:
     """Probes of a layer in the map coordinates of the terrain, sentences on changes, and problems."""
     try:
-        frame, driver = read_frame(path, layer, what, "points_layer" if what == POINTS else "cross_sections_layer")
+        frame, driver = read_frame(path, layer, what, key)
         if not len(frame):
             return [], (), [Problem(str(path), None, "", "the layer is empty", f"draw at least one {what} in it")]
         frame, notes = polygons_on_terrain(path, frame, driver, terrain)

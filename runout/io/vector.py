@@ -25,6 +25,12 @@ _GEOPACKAGE: dict[str, Any] = {"driver": "GPKG", "dataset_options": {"VERSION": 
 PROBABILITY_LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
+RELEASE_COLUMNS = (
+    *("name", "source", "placement", "volume_m3", "area_m2", "mean_thickness_m", "max_thickness_m"),
+    "geometry",
+)
+
+
 def write_outlines(
     path: str | os.PathLike[str],
     terrain: Terrain,
@@ -176,7 +182,7 @@ def _release_frame(terrain: Terrain, releases: Sequence[Release]) -> "gpd.GeoDat
         }
         for release in releases
     ]
-    return _frame(rows, terrain)
+    return _frame(rows, terrain, RELEASE_COLUMNS)
 
 
 def _zone_frame(terrain: Terrain, zones: FrictionZones) -> "gpd.GeoDataFrame":

@@ -1,6 +1,6 @@
 """The ground of contact: the sliding surface on the nodes of the grid, made where it is asked for.
 
-A bed that is eroded lowers it while a run goes on; nothing else changes it.
+A bed that is eroded and a release that starts later lower it while a run goes on; nothing else changes it.
 """
 
 from dataclasses import dataclass, field
@@ -78,6 +78,11 @@ class NodalSurface:
             beside = zip(corner, first, depth.shape, strict=True)
             if all(low < start + size and start < low + WIDTH for low, start, size in beside):
                 del self._tiles[tile]  # that of the surface itself is kept, since it takes long to make
+
+    def restore(self, change: np.ndarray) -> None:
+        """Set the whole change (nx, ny) [m] again, in place."""
+        self.change[:] = change
+        self._tiles.clear()
 
     def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Elevation [m] at local positions [m]."""

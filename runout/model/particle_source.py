@@ -53,7 +53,7 @@ OF_PORES = ("pore_excess", "pore_left")  # of those that are zero without pore p
 
 @dataclass(frozen=True)
 class CompactParticles:
-    """Particles at rest, without history and forces, in the precision of a run: 60 bytes each in float32.
+    """Particles of releases, without history and forces, in the precision of a run: 60 bytes each in float32 at rest.
 
     A source that waits for its run.
 
@@ -104,6 +104,7 @@ class CompactParticles:
 
 def _compact(chunk: Particles, dtype: type) -> tuple[dict[str, np.ndarray], np.ndarray]:
     held = (*HELD, *OF_PORES) if chunk.pore_left.any() else HELD
+    held = held if chunk.rests else (*held, "velocity")
     arrays = {name: getattr(chunk, name).astype(ARRAYS[name][0] if name == "node" else dtype) for name in held}
     release = chunk.release
     return arrays, release[:1].copy() if (release == release[:1]).all() else release.astype(np.int16)

@@ -1,5 +1,7 @@
 """Release: the mass that starts to move, as thickness on the cells of the terrain."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from os import PathLike
@@ -11,10 +13,11 @@ from runout.errors import ReleaseError, member_of, require_kind
 from runout.model.arrays import real_array
 from runout.model.basal_friction import FRICTION_REMEDY, BasalFriction
 from runout.model.facts import as_html, as_text, short
-from runout.model.limits import LIMITS, checked_radians
+from runout.model.limits import LIMITS, checked, checked_radians
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.pore_pressure import PorePressure
 from runout.model.readers import reader
+from runout.model.release_start import Arrival, StartVelocity, checked_velocity
 from runout.model.terrain import Terrain
 
 
@@ -77,6 +80,12 @@ class Release:
         Largest depth of an excavated mass below the surface [m]; additional thickness stands above the surface. None: no limit.
     pore_pressure : PorePressure or None
         Pore pressure of this mass; None: it is dry.
+    start_time : float
+        Time at which this mass starts to move [s]. Until then an excavated mass is ground; one on the surface is not there.
+    velocity : float, StartVelocity, (east, north, up) or None
+        Velocity at the start [m/s]: a speed down the slope, one with an azimuth, or three components; None: at rest.
+    starts_when : Arrival or None
+        The mass starts when the flow of another release arrives, instead of at a time. If it never does, the mass stays out.
     """
 
     thickness: np.ndarray
@@ -93,6 +102,9 @@ class Release:
     deepest: np.ndarray | None = None
     basal_friction: BasalFriction | None = None
     pore_pressure: PorePressure | None = None
+    start_time: float = 0.0
+    velocity: StartVelocity | float | tuple[float, float, float] | None = None
+    starts_when: Arrival | None = None
 
     def __post_init__(self) -> None:
         t = real_array(self.thickness, f"{self.source}: thickness", ReleaseError)
@@ -114,6 +126,23 @@ class Release:
         object.__setattr__(self, "thickness", t)
         object.__setattr__(self, "placement", Placement.of(self.placement))
         self._require_laws()
+        self._require_start()
+
+    def _require_start(self) -> None:
+        """Raise ReleaseError if start time, velocity or trigger are of another kind or out of range."""
+        own = f"{self.source}: release {self.name}"
+        object.__setattr__(self, "start_time", checked("start_time", self.start_time, place=own, error=ReleaseError))
+        object.__setattr__(self, "velocity", checked_velocity(self.velocity, f"{own}: velocity"))
+        if self.starts_when is not None:
+            remedy = "give runout.Arrival('NAME OF A RELEASE', thickness=0.1)"
+            require_kind(Arrival, self.starts_when, f"{own}: starts_when", remedy, ReleaseError)
+            if self.start_time:
+                raise ReleaseError(f"{own}: start_time and starts_when are both given; remove one of them")
+
+    @property
+    def waits(self) -> bool:
+        """Whether this mass starts later than the run."""
+        return self.starts_when is not None or self.start_time > 0.0
 
     def _require_laws(self) -> None:
         """Raise ReleaseError if material, friction law or friction angle of its own are of another kind or out of range."""
@@ -148,6 +177,13 @@ class Release:
         if not whole.holds(volume):
             raise ReleaseError(f"{self.source}: volume is {volume:g} m3; {whole.allowed()}; check thickness and area")
 
+    @staticmethod
+    def _read(name: str, *of: Any, choices: dict[str, Any], **more: Any) -> "Release":
+        """What a reader makes of its arguments, with the start that ``choices`` state."""
+        start = {key: choices.pop(key) for key in ("start_time", "velocity", "starts_when") if key in choices}
+        release: Release = reader(name)(*of, **more, **choices)
+        return replace(release, **start) if start else release
+
     @classmethod
     def from_vector(
         cls,
@@ -162,11 +198,10 @@ class Release:
 
         ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] sets the thickness instead, or is
         checked against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
-        ``basal_friction_angle_deg``, ``pore_pressure``.
+        ``basal_friction_angle_deg``, ``pore_pressure``, ``start_time`` [s], ``velocity``, ``starts_when``.
         """
-        read = reader("Release.from_vector")
-        release: Release = read(path, terrain, thickness=thickness, volume=volume, placement=placement, **choices)
-        return release
+        more = {"thickness": thickness, "volume": volume, "placement": placement}
+        return cls._read("Release.from_vector", path, terrain, choices=choices, **more)
 
     @classmethod
     def from_raster(
@@ -180,10 +215,9 @@ class Release:
         """Release of a thickness raster [m] on any grid in any known coordinate system, resampled conservatively.
 
         ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``,
-        ``pore_pressure``.
+        ``pore_pressure``, ``start_time`` [s], ``velocity``, ``starts_when``.
         """
-        release: Release = reader("Release.from_raster")(path, terrain, volume=volume, placement=placement, **choices)
-        return release
+        return cls._read("Release.from_raster", path, terrain, choices=choices, volume=volume, placement=placement)
 
     @classmethod
     def from_array(
@@ -191,10 +225,17 @@ class Release:
     ) -> "Release":
         """Release of a thickness array [m] on the cells of the terrain, north-west corner first.
 
-        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``pore_pressure``, ``source``.
+        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``pore_pressure``, ``source``,
+        ``start_time`` [s], ``velocity``, ``starts_when``.
         """
-        release: Release = reader("Release.from_array")(thickness, terrain, placement=placement, **choices)
-        return release
+        return cls._read("Release.from_array", thickness, terrain, choices=choices, placement=placement)
+
+    @property
+    def start_speed(self) -> float:
+        """Speed [m/s] at the start; 0 at rest."""
+        if isinstance(self.velocity, StartVelocity):
+            return self.velocity.speed
+        return math.hypot(*self.velocity) if isinstance(self.velocity, tuple) else 0.0
 
     def friction_on(self, otherwise: BasalFriction | float) -> BasalFriction | float:
         """Basal friction under this mass, or its friction angle [rad]: its own, or that of the run."""
@@ -269,3 +310,8 @@ class Release:
         if self.outline is not None:
             return float(self.outline.area)
         return float((self.thickness > 0).sum() * self.terrain.cell_area)
+
+
+def thickness_of(releases: Sequence[Release], terrain: Terrain) -> np.ndarray:
+    """Thickness (rows, columns) [m] of all releases on a terrain together; 0 without any."""
+    return np.sum([np.zeros(terrain.shape), *(release.thickness for release in releases)], axis=0)  # type: ignore[no-any-return]

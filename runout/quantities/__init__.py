@@ -12,6 +12,7 @@ from typing import Any
 
 DEPOSIT = "deposit"
 ERODED, CHANGE = "eroded_depth", "elevation_change"  # maps at the end of a run with an erodible bed
+INFLOW_MAP = "inflow_thickness"  # of the products of a site with inflows
 ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
 UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
 

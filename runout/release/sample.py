@@ -10,7 +10,7 @@ import numpy as np
 
 from runout.errors import ConfigError, ReleaseError
 from runout.io.polygon_coverage import covered_area
-from runout.model.release import Release
+from runout.model.release import Placement, Release
 from runout.release.columns import THINNEST, Columns, column_thickness, local_outline
 
 __all__ = ["Sampling", "column_thickness", "count_particles", "particles_per_axis", "require_apart"]
@@ -72,16 +72,27 @@ def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[
 
 
 def require_apart(releases: list[Release]) -> None:
-    """Raise ReleaseError if releases lie on different rasters or overlap in plan."""
+    """Raise ReleaseError if releases lie on different rasters or overlap in plan.
+
+    Releases that start at different times may overlap, unless both are excavated: the same ground fails once.
+    """
     for a, b in itertools.combinations(releases, 2):
         if (a.terrain.shape, a.terrain.extent) != (b.terrain.shape, b.terrain.extent):
             raise ReleaseError(f"releases {a.name!r} and {b.name!r} are on different terrains; read both with the same one")
+        if may_overlap(a, b):
+            continue
         area = _common_area(a, b)
         if area > THINNEST * min(a.area, b.area):
             raise ReleaseError(
                 f"releases {a.name!r} ({a.source}) and {b.name!r} ({b.source}) overlap by {area:.6g} m2; "
                 "cut one of them back, or unite them in one file"
             )
+
+
+def may_overlap(a: Release, b: Release) -> bool:
+    """Whether two releases may overlap in plan: one is put on what lies there when it starts, later or earlier than the other."""
+    at_once = (a.start_time, a.starts_when) == (b.start_time, b.starts_when)
+    return not at_once and Placement.ON_SURFACE in (a.placement, b.placement)
 
 
 def _common_area(a: Release, b: Release) -> float:

@@ -5,10 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from runout.model.release import Edge, Release
+from runout.model.release import Edge, Placement, Release
+from runout.model.release_start import StartVelocity
 
 TOGETHER = "start together at time zero, in every member"
 THINS = ": it thins out to its outline and keeps its volume, so that its middle is thicker than the mean"
+WAITS = {
+    Placement.EXCAVATED: "until then it is ground, over which other flows go",
+    Placement.ON_SURFACE: "it is not there before, and is then put on what lies there",
+}
 ALONE = "where each may fail alone, make a site of each, with its own"
 
 
@@ -22,7 +27,24 @@ def statement(release: Release) -> str:
 def shape(release: Release) -> str:
     """Placement and edge of a release in words."""
     edge = f", {release.edge} edge" if release.outline is not None else ""
-    return f"{str(release.placement).replace('_', ' ')}{edge}{THINS if release.edge is Edge.TAPERED else ''}"
+    return f"{str(release.placement).replace('_', ' ')}{edge}{THINS if release.edge is Edge.TAPERED else ''}{_start(release)}"
+
+
+def _start(release: Release) -> str:
+    """When and how fast a release starts, as the end of a sentence; empty for one that starts at once, at rest."""
+    when = f"starts {release.starts_when}" if release.starts_when else ""
+    when = f"starts at {release.start_time:g} s" if release.start_time else when
+    parts = [when, _velocity(release)]
+    return "".join(f", {part}" for part in parts if part)
+
+
+def _velocity(release: Release) -> str:
+    """Velocity of a release at its start in words."""
+    velocity = release.velocity
+    if isinstance(velocity, StartVelocity):
+        where = "down the slope" if velocity.azimuth_deg is None else f"towards {velocity.azimuth_deg:g} deg from north"
+        return f"with {velocity.speed:g} m/s {where}"
+    return "with {:g}, {:g}, {:g} m/s east, north and up".format(*velocity) if isinstance(velocity, tuple) else ""
 
 
 def record(release: Release) -> dict[str, Any]:
@@ -32,16 +54,19 @@ def record(release: Release) -> dict[str, Any]:
 
 
 def start_sentences(releases: Sequence[Release]) -> Iterator[str]:
-    """Sentences on parts of a release that do not touch, and on several releases: they start at the same time."""
+    """Sentences on parts of a release that do not touch, and on several releases: which start at the same time, and which later."""
     for release in releases:
         count = separate_parts(release)
         if count > 1:
             kind = "polygons" if release.outline is not None else "patches"
             own = "polygon" if release.outline is not None else "raster"
             yield f"release {release.name}: its {count} separate {kind} {TOGETHER}; {ALONE} {own}"
-    if len(releases) > 1:
-        names = ", ".join(release.name for release in releases)
-        yield f"the {len(releases)} releases ({names}) {TOGETHER}; {ALONE} release"
+    at_once = [release.name for release in releases if not release.waits]
+    if len(at_once) > 1:
+        yield f"the {len(at_once)} releases ({', '.join(at_once)}) {TOGETHER}; {ALONE} release"
+    for release in releases:
+        if release.waits:
+            yield f"release {release.name}{_start(release)[1:]}; {WAITS[release.placement]}"
 
 
 def separate_parts(release: Release) -> int:

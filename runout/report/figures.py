@@ -51,8 +51,9 @@ def _panel(height: float) -> Any:
 
 
 def energy_budget(ledger: Ledger) -> dict[str, np.ndarray]:
-    """Parts of :data:`BUDGET` in the ledger, each (time,) [J], relative to the first time."""
-    return {name: ledger[name] - ledger[name][0] for name in BUDGET if name in ledger}
+    """Parts of :data:`BUDGET` in the ledger, each (time,) [J], relative to the first time; less the energy of mass that enters."""
+    entered = {"potential_energy": ledger["entered_energy"]} if "entered_energy" in ledger else {}
+    return {name: ledger[name] - entered.get(name, 0.0) - ledger[name][0] for name in BUDGET if name in ledger}
 
 
 def draw_budget(axes: Any, ledger: Ledger) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.quantities import QUANTITIES
+from runout.quantities import INFLOW_MAP, QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,7 @@ class Reach:
     @classmethod
     def of(cls, hazard: "xr.Dataset") -> "Reach":
         """Distances on the raster of the hazard maps."""
-        released = hazard["release_thickness"].values > 0
+        released = started_on(hazard)
         covered = released | np.isfinite(hazard["first_arrival_time"].values)
         for quantity in QUANTITIES.values():
             if quantity.peak in hazard:
@@ -114,6 +114,12 @@ class Reach:
         top = np.unravel_index(np.argmax(np.where(self.released, self.elevation, -np.inf)), away.shape)
         length = math.hypot(self.easting[column] - self.easting[top[1]], self.northing[row] - self.northing[top[0]])
         return float(away.max()), math.atan2(float(self.elevation[top] - self.elevation[row, column]), length)
+
+
+def started_on(hazard: "xr.Dataset") -> np.ndarray:
+    """Cells (rows, columns) of bool on which mass starts: those of releases, and of inflows at their lines."""
+    released: np.ndarray = hazard["release_thickness"].values > 0
+    return released | (hazard[INFLOW_MAP].values > 0) if INFLOW_MAP in hazard else released
 
 
 def _bounds(cells: np.ndarray) -> tuple[slice, slice]:

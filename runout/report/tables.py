@@ -13,7 +13,7 @@ from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
 from runout.quantities import QUANTITIES
 from runout.report.figures import parameter_label
-from runout.report.members import FIGURES, Ledger
+from runout.report.members import FIGURES, Ledger, started_on
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # entries of run.json that the report prints in another place
 ELSEWHERE = (
-    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations", "releases"),
+    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations", "releases", "inflows"),
     *("resolution", "relief", "stiffness"),
 )
 ABBREVIATIONS = {
@@ -65,22 +65,29 @@ def sampled_parameters(study: Study) -> list[str]:
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
     """Key figures of the report: label, value, remark."""
     hazard, valid = study.hazard, study.valid
-    released = volume(hazard_volume(hazard["release_thickness"], hazard))
-    factor = study.members.get("release_volume_factor")
+    released, inflows = hazard_volume(hazard["release_thickness"], hazard), study.run.get("inflows", [])
     threshold = quantity(float(hazard["thickness_threshold"].min()), "m")
     likely = hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
     runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
     reached = quantity(hazard_extent(hazard, hazard["members_reached"].values, 1), "km²")
-    arrival = float(hazard["first_arrival_time"].where(hazard["release_thickness"].fillna(0) == 0).max())
+    arrival = float(hazard["first_arrival_time"].where(~started_on(hazard)).max())
+    volumes = [("Released volume", released, "release_volume_factor")] if released > 0 or not inflows else []
+    volumes += [("Inflow volume", sum(one["volume"] for one in inflows), "discharge_factor")] if inflows else []
     return [
         ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
-        ("Released volume", released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
+        *((label, volume(size), _factor(study, name)) for label, size, name in volumes),
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
         ("Area reached", reached, f"by any member, {threshold} thick or more"),
         ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
+
+
+def _factor(study: Study, name: str) -> str:
+    """By what a volume differs between the members."""
+    factor = study.members.get(name)
+    return f"times {span(list(factor))} in the members" if factor is not None else "in every member"
 
 
 def _sampled(hazard: "xr.Dataset") -> str:
@@ -110,7 +117,7 @@ def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
     """Warnings for readers of the maps, one sentence each."""
     of_the_grid = [*_coarse(study), *_thin(study), *_oscillating(study), *_unclosed(study)]
-    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *of_the_grid]
+    return [*_incomplete(study), *_lost_mass(study), *_never_released(study), *_unfinished(study, settings), *of_the_grid]
 
 
 def _incomplete(study: Study) -> list[str]:
@@ -131,6 +138,21 @@ def _lost_mass(study: Study) -> list[str]:
     return [
         f"In {_count(len(lost))} mass left the elevation raster (up to {number(lost['escaped_fraction'].max())} %)"
         f"{_open_cells(study)}; beyond the edge the runout is not known. Use a larger raster."
+    ]
+
+
+def _never_released(study: Study) -> list[str]:
+    """Members in which a release waited for the flow of another until the end."""
+    shares = [
+        float(ledger["waiting_mass"][-1] / (ledger["waiting_mass"][-1] + ledger["mass"][-1] + ledger["escaped_mass"][-1]))
+        for ledger in study.ledgers.values()
+        if "waiting_mass" in ledger and ledger["waiting_mass"][-1] > 0.0
+    ]
+    if not shares:
+        return []
+    return [
+        f"In {_count(len(shares))} a release that waits for the flow of another never started (up to {percent(max(shares))} of the "
+        "mass): the flow did not arrive, and the maps of these members are without it."
     ]
 
 
@@ -212,14 +234,16 @@ def energy_residual(ledger: Ledger) -> float:
     """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
-    released = float(ledger["potential_energy"][0] - ledger["potential_energy"].min())
+    potential = ledger["potential_energy"] - ledger.get("entered_energy", 0.0)
+    released = float(potential[0] - potential.min())
     return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
 
 
 def mass_error(ledger: Ledger) -> float:
-    """Largest relative change of the mass on the raster and beyond its edge [1]."""
-    total = ledger["mass"] + ledger["escaped_mass"]
-    return float(np.abs(total / total[0] - 1.0).max())
+    """Largest relative change of the mass on the raster and beyond its edge, less that which entered later [1]."""
+    whole = ledger["mass"] + ledger["escaped_mass"]
+    total = whole - ledger.get("entered_mass", 0.0)
+    return float(np.abs(total - total[0]).max() / whole.max())
 
 
 def balance(study: Study) -> dict[str, str]:
@@ -353,18 +377,29 @@ def numerical_error(study: Study, settings: Mapping[str, Any]) -> str:
 
 def cells_through(study: Study, settings: Mapping[str, Any]) -> float:
     """Cells of the grid through the mean thickness of the release."""
-    masses = study.run.get("releases", {}).get("masses")
+    masses, inflows = study.run.get("releases", {}).get("masses"), study.run.get("inflows")
     thickness = study.hazard["release_thickness"].values
-    mean = float(thickness[thickness > 0].mean())  # of runs that recorded no masses
     if masses:
         mean = sum(one["volume"] for one in masses) / sum(one["area"] for one in masses)
+    elif inflows:
+        mean = max(one["thickness"] for one in inflows)
+    else:
+        mean = float(thickness[thickness > 0].mean())  # of runs that recorded no masses
     return mean / float(np.ravel(settings["simulation"]["cell_size"])[-1])
 
 
 def release_statements(study: Study) -> list[str]:
-    """What is stated of each release, and what starts together."""
-    recorded = study.run.get("releases", {})
-    return [*map(_mass, recorded.get("masses", [])), *(f"{said[:1].upper()}{said[1:]}." for said in recorded.get("start", []))]
+    """What is stated of each release and each inflow, and what starts together."""
+    recorded, inflows = study.run.get("releases", {}), study.run.get("inflows", [])
+    together = (f"{said[:1].upper()}{said[1:]}." for said in recorded.get("start", []))
+    return [*map(_mass, recorded.get("masses", [])), *map(_inflow, inflows), *together]
+
+
+def _inflow(one: Mapping[str, Any]) -> str:
+    """Sentence on one inflow, as site.yaml states it."""
+    times = f"from {one['begin']:g} to {quantity(one['end'], 's')}"
+    flow = f"{quantity(one['width'], 'm')} wide, {quantity(one['thickness'], 'm')} thick at most"
+    return f"Inflow {one['name']}: {volume(one['volume'])} {times}, at most {quantity(one['peak_discharge'], 'm3 s-1')}, {flow}."
 
 
 def _mass(one: Mapping[str, Any]) -> str:

@@ -24,10 +24,11 @@ from runout.backends.protocol import (
     free_memory,
     get_batch,
 )
-from runout.errors import CapacityError, RunoutError, StabilityError
+from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
 from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes, with_births
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
+from runout.model.inflow import Inflow
 from runout.model.numerics import Numerics
 from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
@@ -38,7 +39,7 @@ from runout.model.terrain import Terrain
 from runout.simulation.erosion import ErodingBed, eroding_bed
 from runout.simulation.result import Result
 from runout.simulation.run import BATCH, Run, RunControl
-from runout.simulation.scenario import build_scene, scene_arguments
+from runout.simulation.scenario import build_scene, inflows_of, scene_arguments
 from runout.simulation.structure_forces import named_structures
 
 MOST = 64  # scenarios per launch
@@ -79,7 +80,7 @@ def simulate_batch(
     Raises
     ------
     ConfigError
-        If scenarios differ in settings that they must share.
+        If scenarios differ in settings that they must share. A release that starts later than the run is the error of its scenario.
     DeviceError
         If the device does not exist.
     """
@@ -129,6 +130,7 @@ class _Job:
         started = clock.perf_counter()
         options = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
         release = options["release"]
+        _require_starts_at_once([release] if isinstance(release, Release) else list(release), inflows_of(options.pop("inflow", ())))
         options |= choices(options.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), options)
         times = tuple(sorted(options.pop("snapshot_times", ())))
         probes = options.pop("probes", None)
@@ -154,6 +156,15 @@ class _Job:
         structures = named_structures(options.get("structures"))
         scene, seconds = eroding.scene if eroding else scene, clock.perf_counter() - started
         return cls(number, options["terrain"], scene, particles, control, tell, seconds, needed, structures, eroding)
+
+
+def _require_starts_at_once(releases: Sequence[Release], inflows: Sequence[Inflow]) -> None:
+    """Raise ConfigError for a release that waits, and for an inflow: mass cannot enter one of the scenes of a launch."""
+    later = [f"release {release.name} starts" for release in releases if release.waits]
+    later += [f"inflow {one.name} enters" for one in inflows]
+    if later:
+        alone = 'simulate it alone, with runout.simulate(backend="hash")'
+        raise ConfigError(f"{later[0]} later than the run; scenarios that share launches start together: {alone}")
 
 
 class _Launch:

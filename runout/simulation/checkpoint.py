@@ -11,7 +11,7 @@ import os
 import time
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -117,10 +117,10 @@ class Content(Protocol):
         """Arrays that determine it."""
 
 
-def run_key(scene: Scene, particles: ParticleSource, *choices: Any, more: "Content | None" = None) -> str:
+def run_key(scene: Scene, particles: ParticleSource, *choices: Any, more: "Sequence[Content]" = ()) -> str:
     """Checksum of all that a run depends on.
 
-    That is sources of runout, scene, particles, further choices with a complete ``repr``, and the content of ``more``.
+    That is sources of runout, scene, particles, further choices with a complete ``repr``, and the contents of ``more``.
     """
     digest = hashlib.sha256(repr((FORMAT, source_code.checksums().members, np.__version__, member_map_names(), choices)).encode())
     ground = scene.ground
@@ -140,6 +140,6 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any, more: "Conte
         digest.update(repr((field.spacing, field.origin, field.band)).encode())
         arrays += [field.blocks, field.distance, field.patch, *vars(field.patches).values()]
     arrays += [scene.pore_table().view(np.uint8)]
-    for values in chain(arrays, particles.content(), more.content() if more else ()):
+    for values in chain(arrays, particles.content(), *(part.content() for part in more)):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

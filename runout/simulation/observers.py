@@ -179,6 +179,7 @@ class Frame:
 
 
 OF_A_BED = "entrained_mass", "entrained_energy", "entrainment_dissipation"  # of a row, only where there is one
+OF_SOURCES = "entered_mass", "entered_energy", "waiting_mass"  # of a row, only where mass enters later
 
 
 class Ledger:
@@ -188,10 +189,13 @@ class Ledger:
     ----------
     entrains : bool
         Whether there is an erodible bed.
+    enters : bool
+        Whether mass enters while the run goes on.
     """
 
-    def __init__(self, entrains: bool = False) -> None:
-        self.left_out = ("momentum", "basal_impulse", "box_blocks", *(() if entrains else OF_A_BED))
+    def __init__(self, entrains: bool = False, enters: bool = False) -> None:
+        absent = (*(() if entrains else OF_A_BED), *(() if enters else OF_SOURCES))
+        self.left_out = ("momentum", "basal_impulse", "box_blocks", *absent)
         self.time: list[float] = []
         self.dt: list[float] = []
         self.memory: list[int] = []
@@ -227,6 +231,8 @@ class Ledger:
         series["numerical_dissipation"] = stored[0] - stored - series["dissipation"] - series["escaped_energy"]
         if "entrained_energy" in series:
             series["numerical_dissipation"] += series["entrained_energy"] - series["entrainment_dissipation"]
+        if "entered_energy" in series:
+            series["numerical_dissipation"] += series["entered_energy"]
         series["dt"], series["memory"] = np.array(self.dt), np.array(self.memory, np.int64)
         return series | self._sparsity(series["active_blocks"])
 

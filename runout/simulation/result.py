@@ -38,7 +38,7 @@ class Result:
     bring : callable
         Brings the particles at the end from the backend, for :attr:`state`.
     steps, n_particles : int
-        Time steps done; particles at the start.
+        Time steps done; particles of all releases.
     timing : dict
         Seconds by stage: setup (with compilation), index, p2g, contact, g2p, sort, observers, total.
     stop_reason : str
@@ -52,7 +52,8 @@ class Result:
     structure_forces : StructureForces or None
         Impulses on structures over time, with force, moment and pressure of each facade; None without structures.
     start : mapping
-        Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`.
+        Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`; of releases that start
+        later ``late_source``, ``late_source_start_time`` [s], NaN for never, and ``late_source_waiting_mass`` [kg].
     probes : ProbeSeries or None
         Time series at the points and cross-sections of ``simulate(probes=...)``.
     """
@@ -72,6 +73,12 @@ class Result:
     start: Mapping[str, Any] = field(default_factory=dict)
     structure_forces: StructureForces | None = None
     probes: ProbeSeries | None = None
+
+    @property
+    def never_started(self) -> list[str]:
+        """Names of the releases that waited until the end; their mass is ``waiting_mass`` of the ledger."""
+        times = zip(self.start.get("late_source", ()), self.start.get("late_source_start_time", ()), strict=True)
+        return [name for name, time in times if np.isnan(time)]
 
     @cached_property
     def state(self) -> Particles:
@@ -144,6 +151,7 @@ class Result:
         thickness, speed = (np.nan_to_num(self.fields[f"max_{name}"]) for name in ("flow_thickness", "speed"))
         deposit = np.nan_to_num(self.fields["deposit_thickness"])
         given = self.series["entrained_mass"][-1] / mass[0] if "entrained_mass" in self.series and mass[0] > 0 else None
+        whole = mass[0] + (self.series["entered_mass"][-1] if "entered_mass" in self.series else 0.0)
         bed = {} if given is None else self._facts_of_bed(given, area)
         return {
             "ended": f"{self.stop_reason} at {short(self.series['time'][-1], 's')}",
@@ -152,11 +160,19 @@ class Result:
             "largest speed": short(speed.max(), "m/s"),
             "area reached": short((thickness > 0).sum() * area, "m2"),
             "volume at the end": short(deposit.sum() * area, "m3"),
-            "escaped": f"{100 * (1 - mass[-1] / mass[0]):.3g} % of the mass" if mass[0] > 0 else "no mass",
+            "escaped": f"{100 * (1 - mass[-1] / whole):.3g} % of the mass" if whole > 0 else "no mass",
+            **self._facts_of_sources(),
             **bed,
             "resolution": self.depth_resolution.statement(),
             "snapshots": str(len(self.snapshots)),
         }
+
+    def _facts_of_sources(self) -> dict[str, str]:
+        """When releases that waited started, and which never did."""
+        from runout.simulation.entering import sentences
+
+        said = "; ".join(sentences(self.start))
+        return {"later": said} if said else {}
 
     def _facts_of_bed(self, share: float, area: float) -> dict[str, str]:
         """Volumes that the flow took up, and by which the ground is lower and higher; ``share`` of the released mass."""

@@ -22,6 +22,7 @@ from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.quantities import DEPOSIT, QUANTITIES
 from runout.simulation.checkpoint import Checkpoint
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed
 from runout.simulation.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
 from runout.simulation.probe_recorder import ProbeRecorder
@@ -94,14 +95,15 @@ class Run:
     def __init__(
         self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None,
         keep: Checkpoint | None, structures: Structures | None = None, bed: ErodingBed | None = None,
+        entering: Entering | None = None,
     ):  # fmt: skip
         self.engine, self.control, self.progress, self.keep = engine, control, progress, keep
-        self.bed, self.scene = bed, bed.scene if bed else scene
+        self.bed, self.scene, self.entering = bed, bed.scene if bed else scene, entering
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         probes = control.probes
         self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
-        self.ledger, self.rest = Ledger(bed is not None), AtRest()
+        self.ledger, self.rest = Ledger(bed is not None, entering is not None), AtRest()
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -113,11 +115,16 @@ class Run:
         self.look_every = self.substeps = 1
         self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = self.eroding = 0.0
         self.particle_volume = 0.0  # mean [m3]
+        self.skipped = 0.0  # [s] without any mass
+        self.particles = 0  # at the start
 
     def count(self, particles: ParticleSource) -> None:
         """Note number and mean volume of the particles."""
-        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
-        self.particle_volume = particles.sums(self.scene.densities).mean_volume
+        self.particles = len(particles)
+        followed = len(particles) + (self.entering.reserved if self.entering else 0)
+        self.sample = ParticleSample.of(followed, self.control.snapshot_particles)
+        volume = particles.sums(self.scene.densities).mean_volume
+        self.particle_volume = self.entering.mean_volume(len(particles), volume) if self.entering else volume
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
@@ -125,11 +132,16 @@ class Run:
         state = self.keep.read() if self.keep else None
         if self.bed:
             self.bed.begin(particles)
+            self.bed.particles += self.entering.reserved if self.entering else 0
+        if self.entering:
+            self.entering.begin(self.scene, self.particles)
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
             return
         if self.bed:
             self.bed.restore(part(state, "bed."))
+        if self.entering:
+            self.entering.restore(part(state, "entering."))
         self.engine.restore(self.scene, part(state, "backend."))
         put_arrays(self, state, "run.")
         put_arrays(self.peaks, state, "peaks.")
@@ -155,6 +167,7 @@ class Run:
             state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
         state |= {f"probes.{name}": values for name, values in self.probes.state().items()} if self.probes else {}
         state |= {f"bed.{name}": values for name, values in self.bed.state().items()} if self.bed else {}
+        state |= {f"entering.{name}": values for name, values in self.entering.state().items()} if self.entering else {}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
         state["frames.particles"] = np.array(self.particle_frames)
@@ -189,7 +202,7 @@ class Run:
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
             particle_frames=self.particle_frames,
-            start=self.scene.start_attributes(),
+            start=self.scene.start_attributes() | (self.entering.attributes() if self.entering else {}),
             structure_forces=self.forces.result(),
             probes=self.probes.series(self.control.end_time, terrain, fields) if self.probes else None,
         )
@@ -197,7 +210,7 @@ class Run:
     def depth_resolution(self) -> DepthResolution:
         """Resolution of the flow so far, with the mean length of a transfer."""
         depth, transfers = flow_depth(self.peaks.peaks[THICKNESS]), self.counters.transfers
-        return DepthResolution.of(depth, self.scene, self.time / max(1, transfers), self.particle_volume)
+        return DepthResolution.of(depth, self.scene, (self.time - self.skipped) / max(1, transfers), self.particle_volume)
 
     def go(self) -> None:
         """Step until the end time or rest."""
@@ -238,6 +251,7 @@ class Run:
             self._note(self.time, self._columns())
             self._keep_snapshots()
             self._observe()
+            self._go_to_next_mass()
 
     def plan(self, most: int) -> int:
         """Set the next time step [s] and the number of substeps; returns the transfers until the next record, at most ``most``.
@@ -254,6 +268,8 @@ class Run:
             count = min(count, max(1, self._steps_until(self.forces.due) - self.made))
         if self.bed:
             count = min(count, max(1, self._steps_until(self.bed.due) - self.made))
+        if self.entering and self.entering.due < math.inf:
+            count = min(count, max(1, self._steps_until(self.entering.due) - self.made))
         if self.pending:
             count = min(count, self._steps_before_snapshot())
         planned = range(self.first_look, self.planned + 1, self.look_every)
@@ -263,11 +279,12 @@ class Run:
     def _plan_series(self, most: int) -> None:
         """Set length and number of the next transfers, and the looks after them.
 
-        A step is at most twice as long as the one before. The last transfers before the end are equal: where less than one would
-        be left behind the series, the time to the end is divided by their number.
+        A step is at most twice as long as the one before. The last transfers before the end, and before mass enters at a stated
+        time, are equal: where less than one would be left behind the series, the time to there is divided by their number. A much
+        shorter transfer would start the next from contact forces that are too large.
         """
         control, longest = self.control, 2.0 * self.dt or math.inf
-        left = control.end_time - self.time
+        left = min(control.end_time, self.entering.stop if self.entering else math.inf) - self.time
         self.begun, self.made = self.time, 0
         self.dt = _on_ladder(min(self.engine.stable_step(), longest))
         self.substeps = self.scene.substep_count(self.dt, self.engine.max_speed)
@@ -330,6 +347,40 @@ class Run:
         self._keep_snapshots()
         if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
             self._observe()
+        self._let_enter()
+        self._go_to_next_mass()
+
+    def _let_enter(self) -> None:
+        """Let mass enter that is due. With a whole mass, or the first one, maps get the columns before and after its time."""
+        entering = self.entering
+        if self.reason or entering is None or entering.due > self.time + self._rounding:
+            return
+        is_first = self.ledger.rows[-1].mass == 0.0
+        before = self._columns() if is_first or entering.is_sudden(self.time) else None
+        unnumbered = entering.entered.particles
+        number = entering.update(self.engine, self.time, self.bed.born if self.bed else 0)
+        if self.bed:
+            self.bed.particles += entering.entered.particles - unnumbered
+        if number and before is not None:
+            self._note(self.time, before)
+            self._note(self.time, self._columns())
+            self.rest = AtRest()
+            self._observe()
+            self._end_series()
+
+    def _go_to_next_mass(self) -> None:
+        """Without any mass, go to the time at which some enters, or to the end: there is nothing to compute."""
+        while self.entering and self.entering.coming and not self.reason and self.ledger.rows[-1].mass == 0.0:
+            last, self.dt = self.time, 0.0
+            self.time = min(self.entering.next_coming, self.control.end_time)
+            self.skipped += self.time - last
+            self._end_series()
+            self.forces.due = max(self.forces.due, self.time)
+            self._keep_snapshots()
+            if self.time >= self.control.end_time - self._rounding:
+                self._observe()
+            else:
+                self._let_enter()
 
     def _erode(self, bed: ErodingBed) -> None:
         """Erode the bed up to the present time."""
@@ -373,7 +424,8 @@ class Run:
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
         row = self.engine.ledger()
-        self._record(self.bed.ledger(row) if self.bed else row, self.engine.memory_bytes())
+        row = self.bed.ledger(row) if self.bed else row
+        self._record(self.entering.ledger(row) if self.entering else row, self.engine.memory_bytes())
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
             self._note(self.time, self._columns())
@@ -386,7 +438,8 @@ class Run:
     def _record(self, row: LedgerRow, memory: int) -> None:
         """Add a row to the ledger; the run ends if the flow rests."""
         self.ledger.record(self.time, self.dt, row, memory)
-        if self.control.stop and self.rest.reached(row):
+        coming = self.entering is not None and self.entering.coming
+        if self.control.stop and self.rest.reached(row) and not coming:
             self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
 
     def _columns(self) -> RasterSums:

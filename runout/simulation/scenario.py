@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from inspect import signature
 from typing import Any
 
@@ -13,14 +14,17 @@ from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
+from runout.model.inflow import Inflow
 from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
+from runout.model.nodal_surface import NodalSurface
 from runout.model.numerics import Numerics
 from runout.model.particle_source import gathered
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
+from runout.simulation.waiting_release import WaitingRelease, hold_back
 
 
 def build_scene(
@@ -33,25 +37,33 @@ def build_scene(
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
+    inflow: Inflow | Sequence[Inflow] = (),
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
+    waiting: list[WaitingRelease] | None = None,
 ) -> tuple[Scene, Any]:
     """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
 
+    Inflows are masses of the scene behind the releases; their particles are born later.
+
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
-    particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
+    particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`). The list ``waiting`` gets
+    the releases that start later: the scene has ground in their place, and they are not among the particles. Without the list all
+    releases lie in the scene.
     """
-    from runout.backends.initial_stress import InitialStress, pressed_by, wetted_by
+    from runout.backends.initial_stress import InitialStress, launched_by, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
+    from runout.release.inlet import mass_at
     from runout.release.sample import Sampling, particles_per_axis
-    from runout.terrain import open_edge, prepare, sdf
+    from runout.terrain import open_edge, prepare
     from runout.terrain.crest_window import Mass
 
-    releases = [release] if isinstance(release, Release) else list(release)
+    there = [release] if isinstance(release, Release) else list(release)
+    releases = [*there, *map(mass_at, inflows_of(inflow))]
     if not releases:
-        raise ReleaseError("no release is given; at least one is needed")
+        raise ReleaseError("neither a release nor an inflow is given; at least one is needed")
     basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
     frictions = basal_strength.frictions_under(releases, basal)
     spacing, particles_per_cell = numerics.spacing, numerics.particles_per_cell
@@ -65,7 +77,7 @@ def build_scene(
     dug = [r.excavation for r in releases]
     least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
-    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
+    surface = _ground_dug(terrain, spacing[:2], mass, dug)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
         extent = expected_extent(releases, surface.surface, spacing, per_axis)
@@ -78,9 +90,20 @@ def build_scene(
         structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, numerics.seed)
-    press, wet = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed)
-    particles = ReleaseParticles(releases, materials, surface, how, press=press, wet=wet, settle=settled_in(scene))
+    press, wet, launch = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed), launched_by(scene, there)
+    own = materials[: len(there)]
+    particles = ReleaseParticles(there, own, surface, how, press=press, wet=wet, settle=settled_in(scene), launch=launch)
+    if waiting is not None and any(r.waits for r in there):
+        grounds = partial(_ground_dug, terrain, spacing[:2], mass)
+        scene, particles = hold_back(scene, particles, there, grounds, waiting)
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _ground_dug(terrain: Terrain, spacing: tuple[float, float], mass: Any, dug: Sequence[np.ndarray]) -> NodalSurface:
+    """Sliding surface below some excavations (rows, columns) [m]."""
+    from runout.terrain import sdf
+
+    return sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing, mass)
 
 
 def _require_bearing(releases: Sequence[Release], materials: Sequence[Material]) -> None:
@@ -89,6 +112,20 @@ def _require_bearing(releases: Sequence[Release], materials: Sequence[Material])
         material.require_carries(float(release.thickness.max()), STANDARD_GRAVITY)
         if release.pore_pressure:
             release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
+
+
+def inflows_of(inflow: Any) -> list[Inflow]:
+    """The inflows of an argument that is one of them or a sequence.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else.
+    """
+    inflows = [inflow] if isinstance(inflow, Inflow) else list(inflow)
+    for one in inflows:
+        require_kind(Inflow, one, "inflow", "give runout.Inflow(...), or a list of them", ConfigError)
+    return inflows
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,25 +7,31 @@ from collections.abc import Callable, Iterator, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, expected_memory, require_memory, with_births
+from runout.forecast.memory import Extent, expected_memory, require_memory, with_births, with_inflow
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.bed import Bed
 from runout.model.friction import FrictionZones
+from runout.model.inflow import Inflow
 from runout.model.materials import Material
 from runout.model.numerics import Numerics
 from runout.model.pore_pressure import doubts
 from runout.model.probes import Probes
 from runout.model.release import Release
+from runout.model.release_start import require_starts
 from runout.model.scene import Scene
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
+from runout.release.inlet import mass_at
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import eroding_bed
+from runout.simulation.inflow import record_of, sources_of
 from runout.simulation.result import Result
 from runout.simulation.run import Run, RunControl
-from runout.simulation.scenario import build_scene
+from runout.simulation.scenario import build_scene, inflows_of
 from runout.simulation.structure_forces import named_structures
+from runout.simulation.waiting_release import WaitingRelease
 
 LOGGER = logging.getLogger(__name__)
 
@@ -40,6 +46,7 @@ def simulate(
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
     bed: Bed | None = None,
+    inflow: Inflow | Sequence[Inflow] = (),
     bulking: float = 1.0,
     cell_size: float | tuple[float, float, float] | None = None,
     particles_per_cell: int | tuple[int, int, int] | None = None,
@@ -70,7 +77,7 @@ def simulate(
     ----------
     terrain : Terrain
     release : Release or sequence of Release
-        The masses that start to move; several must not overlap.
+        The masses that start to move; several must not overlap. Empty where an inflow is all there is.
     material : Material
         Material of every release without a material of its own.
     basal_friction_angle : float
@@ -83,6 +90,8 @@ def simulate(
         Buildings, walls, dams or galleries that the flow meets; the forces on them are ``Result.structure_forces``.
     bed : Bed, optional
         Erodible bed on the ground, which the flow takes up at the rate of a law.
+    inflow : Inflow or sequence of Inflow
+        Mass that enters at lines or over polygons while the run goes on; then ``release`` may be empty.
     bulking : float
         Volume of the deposit over that of its mass without stress [1], 0.1 to 10: multiplies the thickness of the deposit.
     cell_size : float or (dx, dy, dz)
@@ -147,33 +156,46 @@ def simulate(
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
-    grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl})
+    require_starts(releases, end_time)
+    inflows = inflows_of(inflow)
+    masses = [*releases, *map(mass_at, inflows)]
+    grid = choices(accuracy, masses, {"cell_size": cell_size, "cfl": cfl})
     numerics = Numerics(
         **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
         initial_stress=initial_stress,
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:
-        whole = with_births(extent, bed, releases, numerics, basal_friction or basal_friction_angle)
+        whole = with_births(extent, bed, masses, numerics, basal_friction or basal_friction_angle)
+        whole = with_inflow(whole, inflows, numerics, end_time)
         require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
 
+    waiting: list[WaitingRelease] = []
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
-        structures=named, accept=accept, in_chunks=True,
+        structures=named, inflow=inflows, accept=accept, in_chunks=True, waiting=waiting,
     )  # fmt: skip
-    for sentence in _statements(scene, [r.name for r in releases]):
+    said = [sentence for one in inflows for sentence in one.sentences(end_time, scene.spacing)]
+    for sentence in [*_statements(scene, [r.name for r in masses]), *said]:
         LOGGER.warning("%s", sentence)
     eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
-    key = run_key(scene, particles, control, type(engine).__name__, more=eroding) if checkpoint else ""
+    sources = sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)
+    entering = Entering([*waiting, *sources]) if waiting or sources else None
+    more = [part for part in (eroding, entering) if part]
+    key = run_key(scene, particles, control, type(engine).__name__, more=more) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
-    run = Run(engine, scene, control, progress, keep, named, eroding)
-    n_particles = len(particles)
+    run = Run(engine, scene, control, progress, keep, named, eroding, entering)
+    n_particles = len(particles) + (entering.reserved if entering else 0)
     run.start(particles)
     del particles
     loaded = clock.perf_counter()
     run.go()
     run.seconds += clock.perf_counter() - loaded
+    n_particles += entering.entered.particles if entering else 0
     result = run.result(terrain, n_particles, loaded - started)
+    result.start.update(record_of(sources))
+    for name in result.never_started:
+        LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
     if keep:
         keep.remove()
     if result.depth_resolution.is_coarse:

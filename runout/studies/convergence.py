@@ -13,6 +13,7 @@ from runout import log
 from runout.errors import ConfigError
 from runout.forecast.accuracy import BOUNDS
 from runout.forecast.numerical_error import MAP, MAP_SAFETY, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
+from runout.model.release import thickness_of
 from runout.scores.contingency import contingency
 from runout.scores.elevation_change import elevation_change
 from runout.scores.field_errors import differences
@@ -182,7 +183,7 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
     Run-out is the horizontal distance from the centre of the released mass. Mass beyond the terrain counts as farther than all
     other; nan where run-out is not known for it.
     """
-    terrain, released = result.terrain, np.sum([release.thickness for release in releases], axis=0)
+    terrain, released = result.terrain, thickness_of(releases, result.terrain)
     rows, columns = terrain.shape
     x = (np.arange(columns) + 0.5) * terrain.cell_size[0]
     y = (rows - 0.5 - np.arange(rows)) * terrain.cell_size[1]

@@ -21,6 +21,7 @@ from runout.studies.verification_cases import (
     eroded_layer,
     granular_slope,
     ground_contact,
+    hydrograph_inflow,
     kernel,
     manufactured,
     mud_slope,
@@ -50,6 +51,7 @@ CASES: dict[str, Case] = {
         *(basal_laws.DRAG, basal_laws.WEAKENING, zone_crossing.CASE, wet_layers.CASE),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
         *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE, mud_slope.CASE, eroded_layer.CASE),
+        hydrograph_inflow.CASE,
     )
 }
 

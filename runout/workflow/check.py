@@ -39,6 +39,7 @@ class Findings:
     site: "Site | None" = None
     terrain: "Terrain | None" = None
     releases: "list[Release]" = field(default_factory=list)
+    masses: "list[Release]" = field(default_factory=list)  # releases, and those of inflows at their lines
     zones: "FrictionZones | None" = None
     stiffness: "list[Stiffness]" = field(default_factory=list)  # of the site as stated, then of each member
     resolution: "DepthResolution | None" = None  # forecast, of the member that is resolved least
@@ -76,7 +77,7 @@ def inspect(checked: "Path | Site", *, forecast: bool = True) -> Findings:
         readable = _readable_part(checked, [problem.key for problem in error.problems])
     if readable is not None:
         _inspect_inputs(findings, readable)
-        if forecast and findings.site is not None and findings.releases and not findings.problems:
+        if forecast and findings.site is not None and findings.masses and not findings.problems:
             _forecast_depth(findings, findings.site)
         findings.name_files_as_stated(readable.folder)
         findings.notes[:0] = files_outside(readable.settings, readable.folder) if findings.terrain else []
@@ -93,6 +94,7 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
         return
     findings.notes += [f"{findings.terrain.source}: {change}" for change in findings.terrain.changes]
     _read_releases(findings, readable, findings.terrain)
+    _read_inflows(findings, readable)
     _read_zones(findings, readable, findings.terrain)
     _read_observations(findings, readable, findings.terrain)
     _read_probes(findings, readable, findings.terrain)
@@ -104,8 +106,8 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
         try:
             _inspect_resolution(findings, findings.site)
             _inspect_reach(findings, findings.site, findings.terrain)
-            findings.warnings += check_physics.warnings(findings.site, findings.releases, findings.zones)
-            findings.notes += check_physics.wet_masses(findings.site, findings.releases)
+            findings.warnings += check_physics.warnings(findings.site, findings.masses, findings.zones)
+            findings.notes += check_physics.wet_masses(findings.site, findings.masses)
         except (MaterialError, ReleaseError) as error:  # of a member
             findings.note(error)
 
@@ -175,6 +177,7 @@ def _readable_probes(section: Any, wrong: list[str]) -> "ProbeSettings | None":
 def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the releases, and note the problems of each."""
     from runout.config.member_arguments import sampled_releases
+    from runout.model.release_start import StartVelocity
     from runout.release.statements import start_sentences
 
     reading = site.files.releases()
@@ -183,6 +186,38 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
         findings.note(problem)
     findings.notes += [f"release {release.name}: {change}" for release in findings.releases for change in release.changes]
     findings.notes += start_sentences(findings.releases)
+    for release in findings.releases:
+        try:
+            if isinstance(release.velocity, StartVelocity):
+                release.velocity.direction(release)
+        except ReleaseError as error:
+            findings.note(error)
+
+
+def _read_inflows(findings: Findings, site: "Site") -> None:
+    """Read the inflows, and note the problems of each. Forecasts see the masses at their lines beside those of the releases."""
+    from runout.config.member_arguments import sampled_inflows
+    from runout.release.inlet import mass_at
+
+    reading = site.files.inflows()
+    inflows = sampled_inflows(site.settings, reading.content)
+    for problem in reading.problems:
+        findings.note(problem)
+    findings.notes += [f"inflow {one.name}: {change}" for one in inflows for change in one.changes]
+    findings.masses += [*findings.releases, *map(mass_at, inflows)]
+
+
+def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, float, float]) -> None:
+    """Refuse lines narrower than a cell; warn of what does not enter, and of flows thinner than a cell at the line."""
+    from runout.config.member_arguments import sampled_inflows
+    from runout.release.inlet import require_wide
+
+    for one in sampled_inflows(site.settings, site.files.inflows().content):
+        try:
+            require_wide(one, spacing)
+        except ConfigError as error:
+            findings.note(error)
+        findings.warnings += one.sentences(site.settings.simulation.end_time, spacing)
 
 
 def _read_zones(findings: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -225,9 +260,9 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     except InputError as error:
         findings.note(error)
         return
-    if bed is None or findings.site is None or not findings.releases:
+    if bed is None or findings.site is None or not findings.masses:
         return
-    size = grid_spacing(site.settings, findings.releases)
+    size = grid_spacing(site.settings, findings.masses)
     stated: Any = site.settings.simulation.particles_per_cell
     count: Any = default_particles(site.settings, site.data(), size) if stated is None else stated
     per_cell = math.prod(map(float, particles_per_axis(tuple(count) if isinstance(count, list) else count)))
@@ -235,7 +270,11 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
 
 
 def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
+    from runout.release.sample import may_overlap
+
     for one, other in combinations(findings.releases, 2):
+        if may_overlap(one, other):
+            continue
         shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
         if shared and one.outline is not None and other.outline is not None:
             from runout.io.polygon_overlap import SLIVER
@@ -247,10 +286,11 @@ def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
 
 
 def _inspect_resolution(findings: Findings, site: "Site") -> None:
-    if not findings.releases:
+    if not findings.masses:
         return
-    spacing = grid_spacing(site.settings, findings.releases)
-    findings.stiffness = check_stiffness.site_stiffness(site, findings.releases, findings.zones)
+    spacing = grid_spacing(site.settings, findings.masses)
+    findings.stiffness = check_stiffness.site_stiffness(site, findings.masses, findings.zones)
+    _inspect_inflows(findings, site, spacing)
     findings.warnings += check_stiffness.warnings(findings.stiffness)
     for release in findings.releases:
         findings.problems += _too_coarse(release, spacing)
@@ -273,7 +313,7 @@ def _inspect_obstacles(findings: Findings, site: "Site", terrain: "Terrain") -> 
         return
     from runout.structures.inspection import LOW
 
-    spacing = grid_spacing(site.settings, findings.releases) if findings.releases else (0.0, 0.0, 0.0)
+    spacing = grid_spacing(site.settings, findings.masses) if findings.masses else (0.0, 0.0, 0.0)
     cell = max(*spacing[:2], *terrain.cell_size)
     for obstacle, built in zip(site.settings.terrain.obstacles, site.files.obstacles(), strict=True):
         heights, width = [height for height in built.heights if height > 0], built.narrowest
@@ -295,8 +335,8 @@ def _inspect_structures(findings: Findings, site: "Site", terrain: "Terrain") ->
         return
     from runout.structures.inspection import low_structures
 
-    known = findings.site is not None and findings.releases
-    spacing = grid_spacing(site.settings, findings.releases) if known else None
+    known = findings.site is not None and findings.masses
+    spacing = grid_spacing(site.settings, findings.masses) if known else None
     try:
         bodies = sound_bodies(site.files, spacing)
         findings.notes += [f"structures: {change}" for change in bodies.changes]
@@ -372,12 +412,13 @@ def _resting_angle(release: "Release", site: "Site", sample: "dict[Any, Any]") -
 
 def _inspect_reach(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Warn of edges of the DEM, and of cells without elevation, over which mass may leave."""
+    from runout.model.release import thickness_of
     from runout.terrain import open_edge, prepare
 
-    if not findings.releases:
+    if not findings.masses:
         return
-    thickness = np.sum([release.thickness for release in findings.releases], axis=0)
-    reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, findings.releases, findings.zones))
+    thickness = thickness_of(findings.masses, terrain)
+    reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, findings.masses, findings.zones))
     findings.notes += open_edge.note(terrain)
     _inspect_relief(findings, site, terrain, reach)
     cells = open_edge.open_cells(terrain, reach)
@@ -397,7 +438,7 @@ def _inspect_relief(findings: Findings, site: "Site", terrain: "Terrain", reach:
     from runout.terrain.roughness import of_ground
 
     speed = math.sqrt(0.5) * findings.stiffness[0].flow_speed
-    relief = of_ground(terrain, grid_spacing(site.settings, findings.releases)[:2], reach, speed)
+    relief = of_ground(terrain, grid_spacing(site.settings, findings.masses)[:2], reach, speed)
     if relief is not None:
         findings.notes.append(relief.statement())
         findings.warnings += [relief.warning()] if relief.wave else []

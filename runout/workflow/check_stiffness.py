@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.config.release_start import SPEED_OF
 from runout.forecast.stiffness import Stiffness, slowed_by_drag
 from runout.model.column_resistance import ground_below
 from runout.model.parameters import AUTO
@@ -42,10 +43,12 @@ def member_stiffness(
         If the parameters of a member make no material.
     """
     bases, drags = bases_of(site, releases, samples), site.friction.law.drags
-    speeds = np.max([_speeds(r, base.acting(zones)) for r, base in zip(releases, bases, strict=True)], 0)
+    at_start = [np.array([sample.get(SPEED_OF + r.name, r.start_speed) for sample in samples], float) for r in releases]
+    speeds = np.max([_speeds(r, b.acting(zones), own) for r, b, own in zip(releases, bases, at_start, strict=True)], 0)
     own = [[r.material or material for r in releases] for material in materials_of(site, samples)]
     if drags:
         speeds = _less_drag(releases, [_ground(bases, k, of, zones) for k, of in enumerate(own)], speeds)
+        speeds = np.maximum(speeds, np.max(at_start, 0))
     thickest, found = max(float(r.thickness.max()) for r in releases), []
     for sample, materials, speed in zip(samples, own, speeds.tolist(), strict=True):
         thickness = thickest * float(sample.get(VOLUME, 1.0))
@@ -70,13 +73,13 @@ def _less_drag(releases: "Sequence[Release]", grounds: "Sequence[GroundFriction]
     return np.minimum(speeds, np.interp(rough, rough[chosen], exact))
 
 
-def _speeds(release: "Release", angles: np.ndarray) -> np.ndarray:
-    """Largest speed (members,) [m/s] of a release against friction of ``angles`` (members,) [rad]."""
+def _speeds(release: "Release", angles: np.ndarray, at_start: np.ndarray) -> np.ndarray:
+    """Largest speed (members,) [m/s] of a release against friction of ``angles`` (members,) [rad], with speeds ``at_start``."""
     distinct = np.unique(angles)
     if len(distinct) > EXACT:
         distinct = np.arctan(np.linspace(math.tan(distinct[0]), math.tan(distinct[-1]), EXACT))
-    squares = [largest_speed([release], [angle]) ** 2 for angle in distinct.tolist()]
-    return np.sqrt(np.interp(np.tan(angles), np.tan(distinct), squares))  # type: ignore[no-any-return]
+    squares = [largest_speed([release], [angle]) ** 2 - release.start_speed**2 for angle in distinct.tolist()]
+    return np.sqrt(np.interp(np.tan(angles), np.tan(distinct), squares) + at_start**2)  # type: ignore[no-any-return]
 
 
 def site_stiffness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None") -> list[Stiffness]:

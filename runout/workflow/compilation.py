@@ -38,13 +38,14 @@ class _Kernels:
         from runout.model.numerics import Scheme
         from runout.model.scene import STANDARD_GRAVITY
 
+        masses: list[Any] = [*site.settings.release, *(site.settings.inflow or [])]
         return cls(
             site.material().chosen(1.0, 1.0, STANDARD_GRAVITY),
-            SEVERAL if len(site.settings.release) > 1 else 1,
+            SEVERAL if len(masses) > 1 else 1,
             site.friction.law.example,
             bool(terrain.friction_zones or terrain.friction_rasters),
             may_hold_bodies(site.settings),
-            any(r.pore_pressure for r in site.settings.release),
+            any(mass.pore_pressure for mass in masses),
             Scheme.of(stated.model_dump()).of_kernels(),
         )
 

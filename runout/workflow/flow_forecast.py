@@ -14,6 +14,7 @@ from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
 from runout.model.numerics import Scheme
 from runout.model.scene import Raster, Scene
+from runout.release.inlet import mass_at
 from runout.simulation.observers import AtRest
 from runout.terrain.drag_speed import GATHERED
 from runout.terrain.pressed_points import forecast_depth, lateral_pressure
@@ -60,13 +61,18 @@ class MemberSteps:
     per_particle: float
 
 
+def masses_of(arguments: Mapping[str, Any]) -> "list[Release]":
+    """Releases of a member with these arguments of :func:`runout.simulate`, and the masses of its inflows at their lines."""
+    return [*arguments["release"], *map(mass_at, arguments.get("inflow", ()))]
+
+
 def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
     """Flows of members with these arguments of :func:`runout.simulate`, by points that slide in place of the mass.
 
     The fastest flow reaches about ``largest_speed`` [m/s]. Members of one volume slide together.
     """
     flows: dict[int, Flow] = {}
-    volumes = [tuple(r.volume for r in member["release"]) for member in arguments]
+    volumes = [tuple(r.volume for r in masses_of(member)) for member in arguments]
     for volume in dict.fromkeys(volumes):
         alike = [k for k, other in enumerate(volumes) if other == volume]
         flows |= zip(alike, _flows_from_one_scar([arguments[k] for k in alike], largest_speed), strict=True)
@@ -74,19 +80,20 @@ def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> li
 
 
 def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
-    first, releases = arguments[0], arguments[0]["release"]
+    first, releases = arguments[0], masses_of(arguments[0])
     spacing, end_time = spacing_of(first["cell_size"]), float(first["end_time"])
     thickness = [GATHERED * float(r.thickness[r.thickness > 0].mean()) for r in releases]
     resistance = _resistance(arguments, releases, spacing[2], largest_speed, thickness)
     drags = isinstance(resistance, ColumnResistance) and resistance.law.drags  # else thickness does not change the motion
     slides = slide(releases, resistance, len(arguments), spacing[:2], end_time, most=thickness if drags else None)
     settling = 1.0 if drags else SETTLING  # points with drag slow down one by one as the mass does
-    return [_flow(slides, k, end_time, settling if first["stop"] else None) for k in range(len(arguments))]
+    lasting = max((one.hydrograph.end for one in first.get("inflow", ())), default=0.0)
+    return [_flow(slides, k, end_time, settling if first["stop"] else None, lasting) for k in range(len(arguments))]
 
 
 def depth_of_flow(arguments: Mapping[str, Any], flow_speed: float) -> float:
     """Depth [m] of the flow of a member with these arguments of :func:`runout.simulate`; it reaches about ``flow_speed`` [m/s]."""
-    releases, spacing = arguments["release"], spacing_of(arguments["cell_size"])
+    releases, spacing = masses_of(arguments), spacing_of(arguments["cell_size"])
     thickness = [float(r.thickness[r.thickness > 0].mean()) for r in releases]
     resistance = _resistance([arguments], releases, spacing[2], flow_speed, thickness)
     pressure = lateral_pressure([r.material or arguments["material"] for r in releases])
@@ -112,16 +119,19 @@ def least_resolved(site: "Site", members: "Sequence[Stiffness]") -> DepthResolut
     return min(resolutions, key=lambda one: one.depth)
 
 
-def _flow(slides: Slide, k: int, end_time: float, settling: float | None) -> Flow:
-    """Flow of member k; ``settling`` is its duration over that of points, None for a run that ends at ``end_time`` [s]."""
+def _flow(slides: Slide, k: int, end_time: float, settling: float | None, lasting: float = 0.0) -> Flow:
+    """Flow of member k; ``settling`` is its duration over that of points, None for a run that ends at ``end_time`` [s].
+
+    The last of its mass starts after the time ``lasting`` [s] of an inflow.
+    """
     time, speed = slides.time, slides.speed[:, k]
     over = (_rests(speed) if settling else np.zeros(len(time), bool)) | (slides.share[:, k] == 0)
     last = int(np.argmax(over)) if over.any() else len(time) - 1
-    lasting, duration = np.diff(time[: last + 1], prepend=0.0), float(time[last])
+    weights, duration = np.diff(time[: last + 1], prepend=0.0), float(time[last])
     if settling and (over.any() or time[-1] < end_time * (1 - 1e-6)):
         duration *= settling
-    duration = min(duration, end_time) if settling else end_time
-    fastest, share = (np.average(one[: last + 1, k], weights=lasting) for one in (slides.fastest, slides.share))
+    duration = min(duration + lasting, end_time) if settling else end_time
+    fastest, share = (np.average(one[: last + 1, k], weights=weights) for one in (slides.fastest, slides.share))
     return Flow(duration, float(fastest) * duration, float(share))
 
 
@@ -134,7 +144,7 @@ def _resistance(
         basal = member.get("basal_friction") or math.radians(member["basal_friction_angle"])
         materials = [r.material or member["material"] for r in releases]
         frictions, strengths = basal_strength.frictions_under(releases, basal), basal_strength.strengths(materials, height)
-        effective = [r.least_effective for r in member["release"]]
+        effective = [r.least_effective for r in masses_of(member)]
         grounds.append(ground_below(materials, frictions, strengths, member["friction_zones"], effective))
     if grounds[0].law.name == DEFAULT_FRICTION:
         return resting_resistance(grounds)
@@ -152,7 +162,7 @@ def _rests(speed: np.ndarray) -> np.ndarray:
 def member_steps(site: "Site", members: "Sequence[Member]") -> list[MemberSteps]:
     """Steps of each member."""
     data = site.data()
-    stiffnesses = member_stiffness(site, data.releases, data.friction_zones, [m.parameters for m in members])
+    stiffnesses = member_stiffness(site, data.masses, data.friction_zones, [m.parameters for m in members])
     speeds = np.array([s.flow_speed for s in stiffnesses])
     chosen = np.unique(np.argsort(speeds)[np.linspace(0, len(members) - 1, min(EXACT, len(members))).round().astype(int)])
     chosen = chosen[np.argsort(speeds[chosen])]

@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from runout import log
 from runout.errors import ConfigError, ExitCode
 from runout.io.lock import exclusive
@@ -236,12 +234,13 @@ def make_terrain(study: Study) -> Iterable[Path]:
 def make_release(study: Study) -> Iterable[Path]:
     """Write the thickness of all releases together to ``release.nc``."""
     from runout.io import netcdf
+    from runout.model.release import thickness_of
     from runout.release.statements import start_sentences, statement
 
     releases = study.site.data().releases
     for said in [*map(statement, releases), *start_sentences(releases)]:
         LOGGER.info("%s", said)
-    thickness = study.terrain.where_known(np.sum([release.thickness for release in releases], axis=0))
+    thickness = study.terrain.where_known(thickness_of(releases, study.terrain))
     maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")
     return [netcdf.write(maps, study.results / "release.nc")]
 

@@ -12,7 +12,7 @@ import numpy as np
 from runout.backends.protocol import bytes_on_host
 from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
-from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births
+from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births, with_inflow
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
@@ -20,7 +20,7 @@ from runout.quantities import member_map_names
 from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
-from runout.workflow.flow_forecast import member_steps
+from runout.workflow.flow_forecast import masses_of, member_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -206,7 +206,8 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
         has = named_structures(arguments.get("structures")), arguments.get("basal_friction")
         engine = None if arguments["device"] == "cpu" else engine_for(arguments)
         basal = has[1] or arguments["basal_friction_angle"]
-        extent = with_births(extent, arguments.get("bed"), arguments["release"], numerics, basal)
+        extent = with_births(extent, arguments.get("bed"), masses_of(arguments), numerics, basal)
+        extent = with_inflow(extent, arguments.get("inflow", ()), numerics, arguments["end_time"])
         found.append(expected_memory(extent, cells, numerics, engine, *has, host_bytes=_noted_bytes))
         raise _Fits
 
@@ -272,7 +273,8 @@ def _count(site: "Site", member: "Member") -> int:
 
     arguments = site.member_arguments(member.parameters)
     how = Sampling(spacing_of(arguments["cell_size"]), particles_per_axis(arguments["particles_per_cell"]))
-    return count_particles(arguments["release"], how)
+    born = with_inflow(Extent(0, 0, 0, 0, 0), arguments.get("inflow", ()), Numerics.of(arguments), arguments["end_time"])
+    return count_particles(arguments["release"], how) + born.particles
 
 
 def _work(site: "Site", members: "Sequence[Member]", reference: "Member", particles: int) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,7 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
     from runout.config.member_arguments import default_particles
     from runout.forecast.accuracy import lines
     from runout.forecast.numerical_error import read_convergence, require_error_bars, statements
+    from runout.model.limits import spacing_of
     from runout.release.statements import statement
     from runout.workflow import check_stiffness
     from runout.workflow.probes import other_members
@@ -77,9 +78,11 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
     particles = partial(default_particles, site.settings, data)
     for release in data.releases:
         console.print(statement(release), markup=False)
+    for one in data.inflows:
+        console.print(f"inflow    {one.name}: {one.statement(spacing_of(grid['cell_size']))}", markup=False)
     if found.resolution and not found.resolution.is_coarse:  # else a warning states it
         console.print(f"flow      about {found.resolution.statement()}", markup=False)
-    for line in lines(site.settings.simulation.accuracy, data.releases, grid, particles):
+    for line in lines(site.settings.simulation.accuracy, data.masses, grid, particles):
         console.print(line, markup=False)
     if measured := read_convergence(study.results):
         size = require_error_bars(measured, study.results / "convergence.json")["levels"][-1]["cell_size"][0]

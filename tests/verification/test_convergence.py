@@ -44,7 +44,7 @@ def test_no_error_grew_beyond_the_golden_one(measured):
 def test_every_case_of_the_suite_is_there():
     ground = ["sliding-box", *(f"t{k}" for k in range(2, 7)), "t8", "layers", "float32"]
     ground += ["voellmy", "weakening", "zones", "pore-pressure"]
-    assert list(CASES) == [*(f"u{k}" for k in range(1, 11)), *ground, *(f"f{k}" for k in range(1, 6)), "t7", "mud", "bed"]
+    assert list(CASES) == [*(f"u{k}" for k in range(1, 11)), *ground, *(f"f{k}" for k in range(1, 6)), "t7", "mud", "bed", "inflow"]
 
 
 def test_surface_of_the_rods_is_compared_where_the_experiment_is_at_hand(monkeypatch):

@@ -132,6 +132,8 @@ class Index:
         if (4 * blocks != period).any():
             raise ConfigError(f"period is {period}; it must be a multiple of 4 cells along each axis")
         xyz, nown, repeats = b.bxyz.astype(np.int64), b.nown, blocks > 0
+        if not len(xyz):
+            return
         inside = np.asarray(((xyz >= 0) & (xyz < blocks) | ~repeats).all(axis=1))
         if (b.held[~inside[:nown]] > 0).any():
             raise ConfigError(f"the particles reach beyond the period of {period} cells")

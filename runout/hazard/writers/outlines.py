@@ -1,5 +1,6 @@
 """``outlines.gpkg``: releases, areas of equal probability, structures, probes and observations as vector layers with styles."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from runout.hazard.writers import Products
 from runout.io.vector import write_outlines
 
 if TYPE_CHECKING:
+    from runout.model.inflow import Inflow
     from runout.model.probes import Probes
 
 
@@ -24,9 +26,24 @@ def write(products: Products) -> list[Path]:
         zones=site.files.zones(),
         obstacles=[part for obstacles in site.files.obstacles() for part in obstacles.parts],
         styles=outline_styles(),
-        further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())},
+        further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())}
+        | inflow_layers(site.files.inflows().require()),
     )
     return [path]
+
+
+def inflow_layers(inflows: "Sequence[Inflow]") -> dict[str, tuple[str, list[dict[str, Any]]]]:
+    """Layers ``inflow_lines`` and ``inflow_areas``: type of geometry, and rows with ``name``, volume, peak and ``geometry``."""
+    from shapely import LineString
+
+    def row(one: "Inflow", geometry: Any) -> dict[str, Any]:
+        kept = one.record()
+        return {"name": one.name, "volume_m3": kept["volume"], "peak_m3_s": kept["peak_discharge"], "geometry": geometry}
+
+    lines = [row(one, LineString(one.line)) for one in inflows if one.line is not None]
+    areas = [row(one, one.polygon) for one in inflows if one.line is None]
+    layers = {"inflow_lines": ("LineString", lines), "inflow_areas": ("MultiPolygon", areas)}
+    return {name: layer for name, layer in layers.items() if layer[1]}
 
 
 def probe_layers(probes: "Probes | None") -> dict[str, tuple[str, list[dict[str, Any]]]]:

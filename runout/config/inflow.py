@@ -1,0 +1,154 @@
+"""Inflows: their settings in site.yaml, their sampled parameters, and the reader of their files."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, model_validator
+
+from runout.config import pore_pressure
+from runout.config.distributions import Settings, limited, plausible_degrees, quantity, refuse
+from runout.config.document import Document, read_document
+from runout.config.fetch import locate
+from runout.config.friction import ANGLE, KEY, own_parameters
+from runout.config.pore_pressure import PorePressureSettings
+from runout.config.stated_at import Reading, read_each, stated_at, within_site
+from runout.errors import ConfigError
+from runout.model.limits import LIMITS, Range
+
+if TYPE_CHECKING:
+    from runout.config.schema import SiteSettings
+    from runout.model.inflow import Inflow
+    from runout.model.terrain import Terrain
+
+INFLOW = "inflow"
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+FACTOR, DELAY = "discharge_factor", "inflow_delay"
+SAMPLED: dict[str, Range] = {name: LIMITS[name] for name in (FACTOR, DELAY)}
+OwnFriction = Annotated[dict[str, float], BeforeValidator(own_parameters(attributes=False))]
+Degrees = Annotated[float, AfterValidator(plausible_degrees)]
+
+
+def inflow_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Conflicts between keys of an inflow: key, what is wrong, remedy."""
+    line, polygon = "line" in given, "polygon" in given
+    if line == polygon:
+        yield "", "line and polygon are both given" if line else "neither line nor polygon is given", "give one of them"
+    elif polygon and "thickness" in given:
+        yield "thickness", "has no meaning with a polygon, over which the surface rises", "remove it"
+    if {ANGLE, KEY} <= given.keys():
+        yield KEY, f"{ANGLE} is given too", "remove one of the two"
+
+
+class InflowSettings(Settings):
+    """Mass that enters at a line across a channel, or over a polygon, as a hydrograph states it."""
+
+    name: str = quantity("name of the inflow in messages and products", "inflow", pattern=NAME, hint="letters, digits, - and _")
+    line: str | None = quantity(
+        "line across the channel (GeoPackage, Shapefile, GeoJSON), relative to this folder; mass leaves it downslope, at a right "
+        "angle to the chord between its ends",
+        None,
+        min_length=1,
+        examples=["inputs/gauge.gpkg"],
+    )
+    polygon: str | None = quantity(
+        "instead of a line: area on which the mass comes to lie", None, min_length=1, examples=["inputs/spring.gpkg"]
+    )
+    layer: str | None = quantity("layer of that file; not needed when it has one only", None, examples=["gauge"])
+    hydrograph: str = quantity(
+        "CSV file with the columns time [s], discharge [m3/s] and, without thickness, velocity [m/s]; linear between its rows",
+        min_length=1,
+        examples=["inputs/q.csv"],
+    )
+    thickness: float | None = limited(
+        "thickness", "vertical thickness of the flow at the line where the hydrograph has no velocity", None, examples=[1.0]
+    )
+    basal_friction_angle_deg: Degrees | None = limited(
+        "basal_friction_angle", "friction angle under this mass only", None, examples=[15.0]
+    )
+    basal_friction: OwnFriction | None = quantity(
+        "parameters of the law of friction under this mass only", None, examples=[{"friction_angle_deg": 15.0}]
+    )
+    pore_pressure: PorePressureSettings | None = quantity(
+        "pore pressure of this mass when it enters: ratio, saturation, and diffusivity or decay_time",
+        None,
+        examples=[{"ratio": 0.7, "saturation": 1.0, "diffusivity": 1.0e-3}],
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> "InflowSettings":
+        for key, message, fix in inflow_conflicts(self.model_dump(exclude_none=True)):
+            raise refuse(message, fix, key)
+        return self
+
+
+_KEYS = "; ".join(f"{name}: {field.description}" for name, field in InflowSettings.model_fields.items())
+SETTINGS: Any = quantity(
+    f"list of inflows: mass that enters while a run goes on. {_KEYS}",
+    None,
+    min_length=1,
+    examples=[[{"line": "inputs/gauge.gpkg", "hydrograph": "inputs/q.csv", "thickness": 1.0}]],
+)
+
+
+def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Sampled parameters of inflows where a site.yaml has none: key, message and remedy."""
+    if isinstance(site, dict) and not site.get(INFLOW):
+        for key in sampled:
+            if key in SAMPLED:
+                yield key, "the site has no inflow", "remove it, or add inflow: [{line: ..., hydrograph: ...}]"
+
+
+def read_inflows(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Reading[list[Inflow]]":
+    """The inflows on the terrain, in the order of site.yaml, without sampled parameters, and the problems of the others."""
+    return read_each(partial(_placed_inflow, entry, file, terrain) for entry in settings.inflow or [])
+
+
+def _placed_inflow(entry: InflowSettings, file: Path, terrain: "Terrain") -> "Inflow":
+    """An inflow; every problem names the line of site.yaml that states its file."""
+    from runout.io.hydrographs import read_hydrograph
+
+    number = partial(inflow_number, file, entry.name)
+    with _placed(file, number, "hydrograph"):
+        series = read_hydrograph(locate(entry.hydrograph, file.parent))
+    with _placed(file, number, "line" if entry.line is not None else "polygon"):
+        inflow = _inflow(entry, file, terrain, series)
+    if entry.pore_pressure is None:
+        return inflow
+    with stated_at(file, INFLOW, number, "pore_pressure", "ratio"):
+        return replace(inflow, pore_pressure=pore_pressure.made(entry.pore_pressure, file, terrain))
+
+
+def _inflow(entry: InflowSettings, file: Path, terrain: "Terrain", series: Any) -> "Inflow":
+    from runout.release.read_inflow import read_inflow
+
+    path = locate(entry.line or entry.polygon or "", file.parent)
+    common = entry.model_dump(include={"thickness", "layer", "name", "basal_friction_angle_deg"})
+    return read_inflow(path, terrain, series, kind="line" if entry.line is not None else "polygon", **common)
+
+
+@contextmanager
+def _placed(file: Path, number: Callable[[], int], key: str) -> Iterator[None]:
+    """Context that puts line and key of site.yaml before every problem of a file that an inflow names."""
+    try:
+        with stated_at(file, INFLOW, number, key):
+            yield
+    except ConfigError as error:
+        document = read_document(file) if file.is_file() else Document(file.name)
+        parts = [within_site(str(one), file.parent).partition("; ") for one in (error.problems or (error,))]
+        raise ConfigError([document.problem((INFLOW, number(), key), text, fix) for text, _, fix in parts]) from None
+
+
+def inflow_number(file: Path, name: str) -> int:
+    """Position of the inflow of a name in the list of site.yaml; 0 if it is not there."""
+    listed = read_document(file).value((INFLOW,)) if file.is_file() else None
+    named = [entry.get("name", INFLOW) if isinstance(entry, dict) else None for entry in listed or []]
+    return named.index(name) if name in named else 0
+
+
+def of_member(inflows: "Sequence[Inflow]", sample: Mapping[str, float]) -> "list[Inflow]":
+    """The inflows of a member with sampled discharge factor [1] and delay [s]."""
+    return [one.changed(float(sample.get(FACTOR, 1.0)), float(sample.get(DELAY, 0.0))) for one in inflows]

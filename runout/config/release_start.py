@@ -1,0 +1,173 @@
+"""Start of releases: what site.yaml states of time, velocity and trigger, and what an ensemble samples of each release."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Discriminator, Field, Tag
+
+from runout.config.distributions import Settings, limited, quantity, shape
+from runout.config.quantities import within
+from runout.config.wording import choice_fix
+from runout.model.limits import LIMITS, Range, is_number
+
+if TYPE_CHECKING:
+    from runout.model.release import Release
+
+TIME, VELOCITY, TRIGGER = "start_time", "velocity", "starts_when"
+KEYS = (TIME, VELOCITY, TRIGGER)
+TIME_OF, SPEED_OF = "start_time_", "start_speed_"  # with the name of a release: parameters of an ensemble
+RANGES: dict[str, Range] = {TIME_OF: LIMITS["start_time"], SPEED_OF: LIMITS["release_speed"]}
+
+
+class ArrivalSettings(Settings):
+    """A release starts when the flow of another one arrives."""
+
+    arrives: str = quantity("name of the release whose flow arrives inside the outline of this one", min_length=1)
+    thickness: float = limited("arrival_threshold", "thickness of that flow from which this release starts", 0.1)
+
+
+class VelocitySettings(Settings):
+    """Speed and direction of a release at its start."""
+
+    speed: float = limited("release_speed", "speed along the ground")
+    azimuth_deg: float | None = limited(
+        "azimuth", "direction, clockwise from north; by default that in which the ground below the release descends", None
+    )
+
+
+Component = Annotated[float, Field(ge=-LIMITS["release_speed"].high, le=LIMITS["release_speed"].high)]
+Velocity = Annotated[
+    Annotated[float, within("release_speed"), Tag("<number>")]
+    | Annotated[VelocitySettings, Tag("<block>")]
+    | Annotated[list[Component], Field(min_length=3, max_length=3), Tag("<list>")],
+    Discriminator(shape),
+]
+START_TIME: Any = limited(
+    TIME,
+    "time at which this mass starts to move; until then an excavated mass is ground, one on the surface is not there",
+    None,
+    examples=[12.0],
+)
+START_VELOCITY: Any = quantity(
+    "velocity at the start: a speed down the slope, {speed, azimuth_deg}, or [east, north, up]", None, unit="m/s", examples=[8.0]
+)
+STARTS_WHEN: Any = quantity(
+    "instead of start_time: this mass starts when the flow of another release arrives, {arrives: NAME, thickness: 0.1}; if it "
+    "never does, the mass stays out",
+    None,
+    examples=[{"arrives": "upper", "thickness": 0.1}],
+)
+
+
+def start_of(settings: Any) -> dict[str, Any]:
+    """Start time [s], velocity and trigger of the settings of a release, as :class:`runout.Release` takes them, where stated."""
+    from runout.model.release_start import Arrival, StartVelocity
+
+    start: dict[str, Any] = {}
+    if settings.start_time is not None:
+        start[TIME] = settings.start_time
+    if isinstance(settings.velocity, VelocitySettings):
+        start[VELOCITY] = StartVelocity(**settings.velocity.model_dump())
+    elif settings.velocity is not None:
+        start[VELOCITY] = tuple(settings.velocity) if isinstance(settings.velocity, list) else settings.velocity
+    if settings.starts_when is not None:
+        start[TRIGGER] = Arrival(**settings.starts_when.model_dump())
+    return start
+
+
+def enters(settings: Any) -> bool:
+    """Whether a release of a site starts later than the run, in any of its members."""
+    sampled = settings.ensemble.parameters
+    return any(r.start_time or r.starts_when or TIME_OF + r.name in sampled for r in settings.release)
+
+
+def own_range(key: str) -> Range | None:
+    """Range of a sampled start time or speed of a release, by its key; None for other parameters."""
+    return next((valid for prefix, valid in RANGES.items() if key.startswith(prefix) and key != prefix), None)
+
+
+def words_of(key: str) -> str:
+    """What a sampled parameter with :func:`own_range` is."""
+    what, prefix = ("start time", TIME_OF) if key.startswith(TIME_OF) else ("speed at the start", SPEED_OF)
+    return f"{what} of release {key.removeprefix(prefix)}"
+
+
+def sampled_ranges(releases: Sequence[Any]) -> dict[str, Range]:
+    """Range of what an ensemble may sample of the start of releases, by its key, from their settings."""
+    times = {TIME_OF + r.name: RANGES[TIME_OF] for r in releases if r.starts_when is None}
+    return times | {SPEED_OF + r.name: RANGES[SPEED_OF] for r in releases if not isinstance(r.velocity, list)}
+
+
+def sampled_starts(releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[Release]":
+    """The releases with their sampled start times [s] and speeds [m/s] in the place of those that they state."""
+    return [_with_sample(release, sample) for release in releases]
+
+
+def _with_sample(release: "Release", sample: Mapping[str, float]) -> "Release":
+    from runout.model.release_start import StartVelocity
+
+    changes: dict[str, Any] = {}
+    if TIME_OF + release.name in sample:
+        changes[TIME] = sample[TIME_OF + release.name]
+    if SPEED_OF + release.name in sample:
+        stated = release.velocity if isinstance(release.velocity, StartVelocity) else StartVelocity(0.0)
+        changes[VELOCITY] = replace(stated, speed=sample[SPEED_OF + release.name])
+    return replace(release, **changes) if changes else release
+
+
+def start_conflicts(site: Any) -> Iterator[tuple[int, str, str, str]]:
+    """Starts of a site.yaml that contradict each other or the end: number of the release, key, message and remedy."""
+    from runout.model.release_start import Arrival, start_problems
+
+    releases = _releases(site)
+    simulation = site.get("simulation") if isinstance(site, dict) else None
+    end = simulation.get("end_time") if isinstance(simulation, dict) else None
+    starts, names = [], [str(release.get("name", "release")) for release in releases]
+    for number, (name, release) in enumerate(zip(names, releases, strict=True)):
+        if release.get(TIME) is not None and release.get(TRIGGER) is not None:
+            yield number, TRIGGER, f"{TIME} is given too", "remove one of the two"
+        trigger = release.get(TRIGGER)
+        other = trigger.get("arrives") if isinstance(trigger, dict) else None
+        starts.append((name, _number(release.get(TIME), 0.0), Arrival(other) if isinstance(other, str) else None))
+    latest = _number(end, math.inf)
+    for number, _, key, message, remedy in start_problems(starts, latest):
+        yield number, key, message, remedy
+
+
+def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Sampled starts that the releases of a site.yaml do not have, or that may lie behind the end: key, message and remedy."""
+    releases = {str(release.get("name", "release")): release for release in _releases(site)}
+    simulation = site.get("simulation") if isinstance(site, dict) else None
+    end = simulation.get("end_time") if isinstance(simulation, dict) else None
+    for key in sampled:
+        prefix = next((p for p in RANGES if key.startswith(p) and key != p), None)
+        if prefix is None:
+            continue
+        name = key.removeprefix(prefix)
+        if name not in releases:
+            yield key, f"no release is called {name!r}", choice_fix(key, [prefix + other for other in releases])
+        elif prefix == TIME_OF and releases[name].get(TRIGGER) is not None:
+            yield key, f"release {name} {TRIGGER} the flow of another arrives, not at a time", "remove one of the two"
+        elif prefix == SPEED_OF and isinstance(releases[name].get(VELOCITY), list):
+            yield key, f"the velocity of release {name} has three components", f"state {VELOCITY}: {{speed, azimuth_deg}}"
+        elif prefix == TIME_OF and (latest := _largest(sampled[key])) >= (last := _number(end, math.inf)):
+            yield key, f"it can give {latest:g} s; the run ends at {last:g} s", "narrow it, or set simulation.end_time later"
+
+
+def _releases(site: Any) -> list[dict[str, Any]]:
+    stated = site.get("release") if isinstance(site, dict) else None
+    return [r if isinstance(r, dict) else {} for r in stated] if isinstance(stated, list) else []
+
+
+def _largest(distribution: Any) -> float:
+    """Largest number of a distribution as it is stated; minus infinity if it states none."""
+    block = distribution if isinstance(distribution, dict) else {}
+    values = block.get("values") if isinstance(block.get("values"), list) else [block.get("high")]
+    return max((_number(value, -math.inf) for value in values or []), default=-math.inf)
+
+
+def _number(value: Any, otherwise: float) -> float:
+    """A number of site.yaml, or another one where it states none."""
+    return float(value) if is_number(value) else otherwise

@@ -1,0 +1,243 @@
+"""Births of an inflow: when its particles enter, how many, where on the line or the polygon, and how fast.
+
+At a line, particles are born in planes along it. A plane is born once the flow at the line has gone the distance of particles, and
+has the volume that entered meanwhile. So the planes fill the flow without gaps, whatever its speed, and their volumes sum to that
+of the hydrograph. A flow thinner than half a layer of particles pools its volume until it gives whole particles, whose places
+along the line are those of a sequence of low discrepancy. Over a polygon every particle is one such place.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ConfigError
+from runout.io.polygon_coverage import covered_area
+from runout.model.inflow import STRIP, Cumulative, Inflow
+from runout.model.release import Edge, Placement, Release
+from runout.model.terrain import Terrain
+from runout.release import stagger
+
+GOLDEN = 0.6180339887498949  # step of a sequence of low discrepancy on a line
+PLASTIC = 0.7548776662466927, 0.5698402909980532  # and in the plane (Roberts 2018)
+THIN = 0.5  # layers of particles; thinner planes give single particles
+SHARE_AT_ONCE = 0.25  # layers by which a polygon rises between two births
+
+
+@dataclass(frozen=True)
+class Births:
+    """Groups of particles that are born together, in the order in which they enter.
+
+    Attributes
+    ----------
+    time : ndarray (m,)
+        At which each is due [s].
+    count : ndarray (m,)
+        Particles of each group.
+    volume : ndarray (m,)
+        Of a particle of each [m3].
+    thickness : ndarray (m,)
+        Vertical [m], 0 for single particles.
+    speed : ndarray (m,)
+        Horizontal [m/s].
+    """
+
+    time: np.ndarray
+    count: np.ndarray
+    volume: np.ndarray
+    thickness: np.ndarray
+    speed: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def total(self) -> float:
+        """Volume [m3] of all."""
+        return float(self.count @ self.volume)
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Distances of the particles of an inflow: along the flow and across [m], height of a layer [m].
+
+    ``columns`` of a line, and ``planes`` that are born together, those of a cell.
+    """
+
+    along: float
+    across: float
+    layer: float
+    columns: int
+    planes: int
+
+    @classmethod
+    def of(cls, inflow: Inflow, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> "Spacing":
+        """Those of a grid of ``spacing`` [m] with so many particles ``per_axis`` of a cell."""
+        (dx, dy, dz), (px, py, pz) = spacing, per_axis
+        along = math.sqrt(dx * dy / (px * py))
+        columns = max(1, round(inflow.width / along))
+        return cls(along, inflow.width / columns, dz / pz, columns, px)
+
+    @property
+    def volume(self) -> float:
+        """Of a standard particle [m3]."""
+        return self.along * self.across * self.layer
+
+
+def path_of(inflow: Inflow, slope: float) -> Cumulative:
+    """Horizontal path [m] of the flow at a line over time, on ground with a ``slope`` [1] along the flow."""
+    h = inflow.hydrograph
+    if h.velocity is not None:
+        return Cumulative(h.time, inflow.horizontal_speed(h.velocity, slope))
+    assert inflow.thickness is not None
+    return Cumulative(h.time, h.discharge / (inflow.width * inflow.thickness))
+
+
+def births_at_line(inflow: Inflow, how: Spacing, slope: float) -> Births:
+    """Planes of an inflow at a line, on ground with a ``slope`` [1] along the flow."""
+    entered, path = inflow.hydrograph.entered, path_of(inflow, slope)
+    begin = max(0.0, inflow.hydrograph.begin)
+    start, way = float(path.at(begin)), float(path.at(inflow.hydrograph.end)) - float(path.at(begin))
+    planes = max(1, round(way / how.along))
+    length = way / planes
+    time = path.when(start + length * np.arange(1, planes + 1))
+    time[-1] = inflow.hydrograph.end
+    owed = np.diff(entered.at(np.concatenate([[begin], time])))
+    before = np.concatenate([[begin], time[:-1]])
+    speed = np.divide(length, time - before, out=np.zeros(planes), where=time > before)
+    count, volume, thickness = _pooled(owed, how, length)
+    there = np.flatnonzero(count)
+    return Births(time[there], count[there], volume[there], thickness[there], speed[there])
+
+
+def _pooled(owed: np.ndarray, how: Spacing, length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Particles, volume of one [m3] and thickness [m] of planes of a ``length`` [m] that are ``owed`` (n,) [m3] each."""
+    count, volume, thickness = np.zeros(len(owed), np.int64), np.zeros(len(owed)), np.zeros(len(owed))
+    area, pool = how.columns * how.across * length, 0.0
+    for k, more in enumerate(owed.tolist()):
+        pool += more
+        deep = pool / area
+        if deep >= THIN * how.layer:
+            count[k], thickness[k] = how.columns * int(stagger.rows(np.array([deep]), how.layer)[0]), deep
+            volume[k], pool = pool / count[k], 0.0
+        elif pool >= how.volume:
+            count[k], volume[k] = int(pool / how.volume), how.volume
+            pool -= count[k] * how.volume
+    there = np.flatnonzero(count)
+    if len(there):
+        volume[there[-1]] += pool / count[there[-1]]
+    else:
+        count[-1], volume[-1] = 1, pool
+    return count, volume, thickness
+
+
+def births_over_polygon(inflow: Inflow, how: Spacing) -> Births:
+    """Single particles of an inflow over a polygon, as many at once as it rises by a share of a layer."""
+    h = inflow.hydrograph
+    begin, area = max(0.0, h.begin), float(inflow.polygon.area)
+    before = float(h.entered.at(begin))
+    whole = h.volume - before
+    number = max(1, round(whole / how.volume))
+    each = max(1, round(SHARE_AT_ONCE * area / (how.along * how.across)))
+    count = np.full(math.ceil(number / each), each)
+    count[-1] = number - each * (len(count) - 1)
+    time = h.entered.when(before + whole * np.minimum(np.cumsum(count) / number, 1.0))
+    velocity = np.zeros(len(count)) if h.velocity is None else np.interp(time, h.time, h.velocity)
+    return Births(time, count, np.full(len(count), whole / number), np.zeros(len(count)), velocity)
+
+
+def shares_along(first: int, count: int) -> np.ndarray:
+    """Places (count,) [1] on a line of the particles from number ``first`` on, by low discrepancy."""
+    return (0.5 + GOLDEN * (first + np.arange(count))) % 1.0  # type: ignore[no-any-return]
+
+
+def places_in(polygon: Any, count: int) -> np.ndarray:
+    """Places (count, 2) [m] in a polygon, the points of a sequence of low discrepancy in its box that lie inside."""
+    import shapely
+
+    west, south, east, north = polygon.bounds
+    shapely.prepare(polygon)
+    found, number, size = np.zeros((0, 2)), 0, max(64, 2 * count)
+    while len(found) < count:
+        q = (0.5 + np.outer(number + 1 + np.arange(size), PLASTIC)) % 1.0
+        places = np.array([west, south]) + q * np.array([east - west, north - south])
+        found, number = np.concatenate([found, places[shapely.contains_xy(polygon, *places.T)]]), number + size
+    return found[:count]
+
+
+def mass_at(inflow: Inflow) -> Release:
+    """The mass of an inflow as forecasts see it: on the surface at the line, or in the polygon, as thick and fast as at the most.
+
+    It covers a strip of :data:`STRIP` cells of the terrain downslope of a line. Its volume is not that of the hydrograph.
+
+    Raises
+    ------
+    ConfigError
+        If it leaves the terrain, or lies on cells without elevation.
+    """
+    import shapely
+
+    terrain = inflow.terrain
+    outline, thickness = inflow.polygon, 0.0
+    if inflow.line is not None:
+        onwards = STRIP * max(terrain.cell_size) * inflow.direction
+        outline = shapely.Polygon(np.concatenate([inflow.line, inflow.line[::-1] + onwards]))
+        thickness = inflow.peak_thickness(slope_at(inflow))
+    cells = _covered(inflow, outline)
+    if inflow.line is None:
+        thickness = inflow.hydrograph.volume / float(outline.area)
+    return Release(
+        thickness * cells, terrain, outline, Placement.ON_SURFACE, inflow.basal_friction_angle, inflow.material, inflow.name,
+        inflow.source, edge=Edge.VERTICAL, basal_friction=inflow.basal_friction, pore_pressure=inflow.pore_pressure,
+        velocity=inflow.peak_speed(slope_at(inflow) if inflow.line is not None else 0.0),
+    )  # fmt: skip
+
+
+def _covered(inflow: Inflow, outline: Any) -> np.ndarray:
+    """Share (rows, columns) [1] of each cell of the terrain within an outline in map coordinates."""
+    import shapely
+
+    terrain, where = inflow.terrain, f"{inflow.source}: inflow {inflow.name}"
+    west, south, east, north = terrain.extent
+    if not shapely.box(west, south, east, north).covers(outline):
+        far = f"easting {west:.2f} to {east:.2f}, northing {south:.2f} to {north:.2f}"
+        raise ConfigError(
+            f"{where} does not lie inside the terrain {terrain.source} ({far}), {STRIP:g} cells downslope included; move it, or "
+            "check its coordinate system"
+        )
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    local = shapely.transform(outline, terrain.frame.to_local)
+    share = covered_area(local, np.arange(columns + 1) * dx, np.arange(rows + 1) * dy) / (dx * dy)
+    cells = share.T[::-1]
+    unknown = (cells > 0) & np.isnan(terrain.elevation)
+    if unknown.any():
+        row, column = np.argwhere(unknown)[0]
+        place = f"row {row}, column {column} (easting {terrain.easting[column]:.2f}, northing {terrain.northing[row]:.2f})"
+        raise ConfigError(
+            f"{where}: {int(unknown.sum())} cells of the terrain at it have no elevation, the first at {place}; move it, or fill "
+            "the elevation raster"
+        )
+    return cells
+
+
+def require_wide(inflow: Inflow, spacing: tuple[float, float, float]) -> None:
+    """Raise ConfigError if the line or polygon of an inflow is smaller than a cell of a grid of ``spacing`` [m]."""
+    cell = math.sqrt(spacing[0] * spacing[1])
+    if inflow.width < cell * (1.0 - 1e-9):
+        what = "line" if inflow.line is not None else "polygon"
+        raise ConfigError(
+            f"{inflow.source}: the {what} of inflow {inflow.name} is {inflow.width:.4g} m wide, less than a cell of {cell:.4g} m; "
+            f"draw it wider, or use cell_size: {math.floor(1000 * inflow.width) / 1000:g} or less"
+        )
+
+
+def slope_at(inflow: Inflow) -> float:
+    """Slope [1] of the terrain along the flow at a line, the mean over it: negative, downwards."""
+    from runout.model.probes import ground_at
+
+    terrain: Terrain = inflow.terrain
+    step = max(terrain.cell_size) * inflow.direction
+    places = inflow.places(64)
+    rise = ground_at(terrain, places + 0.5 * step) - ground_at(terrain, places - 0.5 * step)
+    return float(np.nanmean(rise) / max(terrain.cell_size)) if np.isfinite(rise).any() else 0.0

@@ -1,0 +1,238 @@
+"""Mass that enters a run while it goes on: releases that start later or by a trigger, and further sources such as an inflow.
+
+A source waits beside the backend. When its time has come it gives particles, which the backend takes up
+(:meth:`runout.backends.protocol.Backend.add`). Their mass and energy are booked.
+"""
+
+import logging
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from runout.backends.protocol import Backend, LedgerRow
+from runout.backends.reference.backend import compiled_loops
+from runout.backends.state import State, arrays_of, part, put_arrays
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+
+LOGGER = logging.getLogger(__name__)
+ROUNDING = 1e-12  # of times, relative
+RECORDED = "late_source", "late_source_start_time", "late_source_waiting_mass"  # attributes of a run
+
+
+class Source(Protocol):
+    """Something that gives mass to a run.
+
+    Attributes
+    ----------
+    due : float
+        Next time [s] at which the source must be asked: after the first transfer that reaches it. Infinite if never again.
+    stop : float
+        Next time [s] that a transfer has to end at exactly; infinite if there is none. The last transfers before it are equal.
+    coming : bool
+        Whether it will give mass whatever the flow does. A run does not end at rest as long as it will.
+    sudden : bool
+        Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew.
+    waiting_mass : float
+        Mass [kg] that it holds and may give; 0 if that is not known in advance.
+    particle_volume : float
+        Mean volume of its particles without stress [m3].
+    name : str
+        For the record.
+    started : float
+        Time at which its first mass entered [s]; NaN before.
+    reserved : int
+        Number of particles that it will give at once and that are numbered in advance; 0 for a source that gives them by and by.
+    """
+
+    due: float
+    stop: float
+    coming: bool
+    sudden: bool
+    waiting_mass: float
+    particle_volume: float
+    name: str
+    started: float
+    reserved: int
+
+    def begin(self, scene: Scene) -> None:
+        """Take the scene of the run, on the ground that a bed may lower."""
+
+    def take(self, engine: Backend, time: float) -> Particles | None:
+        """Particles that enter at a time [s], None without any; sets the attributes anew. Identities are set by the caller."""
+
+    def state(self) -> State:
+        """All that changes, as arrays by name, for :meth:`restore`."""
+
+    def restore(self, state: State) -> None:
+        """Continue from :meth:`state`, after :meth:`begin`."""
+
+    def content(self) -> Iterable[np.ndarray]:
+        """Arrays that, with the scene, determine what it gives."""
+
+
+@dataclass
+class Entered:
+    """Sums over what has entered.
+
+    Attributes
+    ----------
+    mass : float
+        [kg].
+    energy : float
+        Kinetic, potential and elastic energy where it entered [J].
+    particles : int
+        Number of those that were not numbered in advance.
+    """
+
+    mass: float = 0.0
+    energy: float = 0.0
+    particles: int = 0
+
+
+class Entering:
+    """The sources of one run.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        They are asked in this order; each meets what those before it gave.
+    """
+
+    def __init__(self, sources: Sequence[Source]):
+        self.sources, self.entered = tuple(sources), Entered()
+        self.scene: Scene | None = None
+        self.first = 0  # number of the first particle that enters
+
+    def begin(self, scene: Scene, particles: int) -> None:
+        """Take the scene of the run, which starts with so many ``particles``."""
+        self.scene, self.first = scene, particles
+        for source in self.sources:
+            source.begin(scene)
+
+    @property
+    def reserved(self) -> int:
+        """Number of particles that are numbered in advance, behind those at the start."""
+        return sum(source.reserved for source in self.sources)
+
+    @property
+    def due(self) -> float:
+        """Next time [s] at which any source must be asked."""
+        return min(source.due for source in self.sources)
+
+    @property
+    def stop(self) -> float:
+        """Next time [s] that a transfer has to end at exactly."""
+        return min(source.stop for source in self.sources)
+
+    def mean_volume(self, particles: int, volume: float) -> float:
+        """Mean volume [m3] of all particles that are known in advance, so many of a mean ``volume`` [m3] at the start included.
+
+        Where none is known, that of the sources.
+        """
+        counts = np.array([particles, *(source.reserved for source in self.sources)])
+        volumes = np.array([volume, *(source.particle_volume for source in self.sources)])
+        return float(np.average(volumes, weights=counts) if counts.any() else volumes[1:].mean())
+
+    @property
+    def next_coming(self) -> float:
+        """Next time [s] at which a source is asked that will give mass whatever the flow does."""
+        return min((source.due for source in self.sources if source.coming), default=math.inf)
+
+    @property
+    def coming(self) -> bool:
+        """Whether mass will enter whatever the flow does."""
+        return any(source.coming for source in self.sources)
+
+    @property
+    def waiting_mass(self) -> float:
+        """Mass [kg] that sources hold and have not given."""
+        return math.fsum(source.waiting_mass for source in self.sources)
+
+    def is_sudden(self, time: float) -> bool:
+        """Whether a source that is due at a time [s] gives a whole mass at once."""
+        return any(source.sudden and _is_due(source, time) for source in self.sources)
+
+    def update(self, engine: Backend, time: float, born: int = 0) -> int:
+        """Let the sources that are due at a time [s] give mass to the backend; returns the number of particles that entered.
+
+        Those of a source that reserves numbers have these. Others are numbered behind all, and behind ``born`` ones of a bed.
+        """
+        number, entered = self.first, 0
+        for source in self.sources:
+            own, number = number, number + source.reserved
+            particles = source.take(engine, time) if _is_due(source, time) else None
+            if particles is None or not len(particles):
+                continue
+            if not source.reserved:
+                own = self.first + self.reserved + self.entered.particles + born
+                self.entered.particles += len(particles)
+            particles.identity = own + np.arange(len(particles), dtype=np.int64)
+            engine.add(particles)
+            self._book(particles)
+            entered += len(particles)
+        return entered
+
+    def _book(self, particles: Particles) -> None:
+        assert self.scene is not None
+        self.entered.mass += float(particles.mass.astype(self.scene.dtype).astype(np.float64).sum())
+        self.entered.energy += energy_of(particles, self.scene)
+
+    def ledger(self, row: LedgerRow) -> LedgerRow:
+        """A row of the ledger with what has entered and what waits."""
+        entered = self.entered
+        return replace(row, entered_mass=entered.mass, entered_energy=entered.energy, waiting_mass=self.waiting_mass)
+
+    def attributes(self) -> dict[str, Any]:
+        """For the record: name, time of the start [s], NaN for never, and mass that has not entered [kg], source by source."""
+        if not self.sources:
+            return {}
+        values = ([s.name for s in self.sources], [s.started for s in self.sources], [s.waiting_mass for s in self.sources])
+        return dict(zip(RECORDED, values, strict=True))
+
+    def content(self) -> Iterable[np.ndarray]:
+        """Arrays that, with the scene, determine what enters."""
+        for source in self.sources:
+            yield from source.content()
+
+    def state(self) -> State:
+        """All that changes, as arrays by name, for :meth:`restore`."""
+        state = arrays_of(self.entered, (), "entered.")
+        if self.scene and self.scene.ground:
+            state["change"] = self.scene.ground.change  # with all bits, in whatever order a bed and releases lowered it
+        for number, source in enumerate(self.sources):
+            state |= {f"source{number}.{name}": values for name, values in source.state().items()}
+        return state
+
+    def restore(self, state: State) -> None:
+        """Continue from :meth:`state`, after :meth:`begin`. The ground becomes what it was."""
+        put_arrays(self.entered, part(state, "entered."))
+        if self.scene and self.scene.ground:
+            self.scene.ground.restore(state["change"])
+        for number, source in enumerate(self.sources):
+            source.restore(part(state, f"source{number}."))
+
+
+def _is_due(source: Source, time: float) -> bool:
+    return source.due <= time * (1.0 + ROUNDING)
+
+
+def energy_of(particles: Particles, scene: Scene) -> float:
+    """Kinetic, potential and elastic energy [J] of particles without an affine motion."""
+    stress, stored = np.zeros((len(particles), 6)), np.zeros(len(particles))
+    table = scene.law.table(scene.materials, cell_size=min(scene.spacing))
+    strain = np.ascontiguousarray(particles.strain, np.float64)
+    compiled_loops(scene.law, scene.basal.law).take_stress(strain, particles.release, table, stress, stored)
+    height = particles.position(np.array(scene.spacing)) @ np.array(scene.gravity)
+    kinetic = 0.5 * particles.mass @ (particles.velocity**2).sum(axis=1)
+    return float(kinetic - particles.mass @ height + particles.volume @ stored)
+
+
+def sentences(record: Mapping[str, Any]) -> Iterator[str]:
+    """What :meth:`Entering.attributes` of a run state, source by source."""
+    columns = (np.atleast_1d(record.get(key, ())) for key in RECORDED)
+    for name, time, mass in zip(*columns, strict=True):
+        yield f"{name} never started, {mass:.4g} kg are never released" if math.isnan(time) else f"{name} started at {time:.4g} s"

@@ -1,0 +1,172 @@
+"""An inflow in site.yaml: what a run gets of it, sampled parameters, check, products and refusals."""
+
+import json
+import re
+
+import geopandas as gpd
+import numpy as np
+import pytest
+import xarray as xr
+from ramp_site import NORTH, SITE, WEST, write_site
+
+import runout
+from runout import cli
+from runout.errors import ConfigError, ExitCode, InputError
+from runout.workflow.check import inspect
+
+X, Y = WEST + 90.0, NORTH - 120.0  # middle of the line, on the slope
+LINE = [[X, Y - 30.0], [X, Y + 30.0]]
+SQUARE = [[X - 10, Y - 10], [X + 10, Y - 10], [X + 10, Y + 10], [X - 10, Y + 10], [X - 10, Y - 10]]
+SERIES = "time [s],discharge [m3/s]\n0,0\n2,2000\n6,2000\n8,0\n"
+VOLUME = 12_000.0
+INFLOW = "inflow:\n  - name: gauge\n    line: inputs/gauge.geojson\n    hydrograph: inputs/q.csv\n    thickness: 6\n"
+RELEASE = SITE[SITE.index("release:") : SITE.index("material:")]
+WITH_RELEASE = SITE.replace("simulation:", f"{INFLOW}simulation:")
+ALONE = WITH_RELEASE.replace(RELEASE, "")
+SAMPLED = """\
+    discharge_factor: {distribution: uniform, low: 0.5, high: 2}
+    inflow_delay: {distribution: uniform, low: 0, high: 4}
+"""
+ENSEMBLE = ALONE.replace("hazard:", f"{SAMPLED}hazard:").replace("members: 4", "members: 2")
+
+
+def write_inputs(folder, line=LINE, series=SERIES, kind="LineString"):
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}}
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": kind, "coordinates": line}}
+    text = json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]})
+    (folder / "inputs" / "gauge.geojson").write_text(text)
+    (folder / "inputs" / "q.csv").write_text(series)
+    return folder
+
+
+def site_of(folder, text=ALONE, **inputs):
+    return write_inputs(write_site(folder, text), **inputs)
+
+
+def test_member_has_the_inflow_with_its_sampled_parameters(tmp_path):
+    site = runout.read_site(site_of(tmp_path / "site", ENSEMBLE))
+    (one,) = site.member_arguments()["inflow"]
+    assert (one.name, one.thickness, one.hydrograph.volume) == ("gauge", 6.0, VOLUME)
+    np.testing.assert_allclose(one.direction, [1.0, 0.0], atol=1e-9)
+    assert site.member_arguments()["release"] == []
+    (other,) = site.member_arguments({"discharge_factor": 0.5, "inflow_delay": 3.0})["inflow"]
+    assert (other.hydrograph.volume, other.hydrograph.begin) == (0.5 * VOLUME, 3.0)
+    assert set(site.resolved()) >= {"inflow"}
+    assert [p.name for p in site.inputs()][-2:] == ["gauge.geojson", "q.csv"]
+
+
+def test_own_friction_and_pore_pressure_count(tmp_path):
+    own = "    basal_friction_angle_deg: 15\n    pore_pressure: {ratio: 0.5, decay_time: 20}\n"
+    text = ALONE.replace("    thickness: 6\n", "    thickness: 6\n" + own).replace("low: 12, high: 22", "low: 1900, high: 2100")
+    text = text.replace("    basal_friction_angle_deg: {dist", "    density: {dist")
+    site = runout.read_site(site_of(tmp_path / "site", text))
+    (one,) = site.member_arguments()["inflow"]
+    assert one.basal_friction_angle == pytest.approx(np.radians(15.0))
+    assert one.pore_pressure.ratio == 0.5
+    (mass,) = site.masses()
+    assert mass.pore_pressure.ratio == 0.5
+
+
+def test_a_polygon_and_velocities_are_read(tmp_path):
+    text = ALONE.replace("line: inputs", "polygon: inputs").replace("    thickness: 6\n", "")
+    site = runout.read_site(site_of(tmp_path / "polygon", text, line=[SQUARE], kind="Polygon"))
+    (one,) = site.inflows()
+    assert one.polygon.area == pytest.approx(400.0)
+    series = "time,discharge,velocity\n0,100,4\n9,100,5\n"
+    site = runout.read_site(site_of(tmp_path / "line", ALONE.replace("    thickness: 6\n", ""), series=series))
+    (one,) = site.inflows()
+    assert one.hydrograph.velocity.tolist() == [4.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("    line: inputs/gauge.geojson\n", "", r"inflow\[0\]: neither line nor polygon is given; give one of them"),
+        ("    thickness", "    polygon: inputs/gauge.geojson\n    thickness", r"inflow\[0\]: line and polygon are both given"),
+        ("line: inputs", "polygon: inputs", r"inflow\[0\].thickness: has no meaning with a polygon"),
+        ("    hydrograph: inputs/q.csv\n", "", r"inflow\[0\].hydrograph: required key is missing"),
+        ("inputs/q.csv", "inputs/p.csv", r"inflow\[0\].hydrograph: there is no file 'inputs/p.csv'; did you mean 'inputs/q.csv'"),
+        ("thickness: 6", "thickness: 0", r"inflow\[0\].thickness: 0 m is out of range"),
+        ("thickness: 6", "basal_friction_angle_deg: 0.3", r"inflow\[0\].basal_friction_angle_deg: .*suspiciously small"),
+        (INFLOW, "", r"release: required key is missing; add it: .* or inflow"),
+        (INFLOW, "inflow: []\n", r"inflow: .*"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(tmp_path, old, new, words):
+    with pytest.raises(ConfigError, match=words):
+        runout.read_site(site_of(tmp_path / "site", ALONE.replace(old, new)))
+
+
+def test_names_are_unique_and_samples_need_an_inflow(tmp_path):
+    with pytest.raises(ConfigError, match=r"inflow\[0\].name: two masses are called 'slab'"):
+        runout.read_site(site_of(tmp_path / "name", WITH_RELEASE.replace("name: gauge", "name: slab")))
+    text = SITE.replace("hazard:", f"{SAMPLED}hazard:")
+    with pytest.raises(ConfigError, match=r"parameters.discharge_factor: the site has no inflow; remove it, or add inflow"):
+        runout.read_site(site_of(tmp_path / "sample", text))
+
+
+@pytest.mark.parametrize(
+    ("inputs", "words"),
+    [
+        ({"series": "time,discharge\n0,1\n1,-2\n"}, r"inflow\[0\].hydrograph: inputs/q.csv:3: discharge: is -2 m3/s"),
+        ({"series": "time,q\n0,1\n"}, r"inflow\[0\].hydrograph: inputs/q.csv:1: there is no column discharge"),
+        ({"series": "time,discharge,velocity\n0,1,1\n1,1,1\n"}, r"inflow\[0\].line: .*thickness and the velocities .* both given"),
+        ({"line": [[X, Y], [X, NORTH + 90.0]]}, r"inflow\[0\].line: inputs/gauge.geojson.*lies outside"),
+        ({"line": [SQUARE], "kind": "Polygon"}, r"inflow\[0\].line: .*is a Polygon, not a single line"),
+        ({"line": [[X, Y], [X, Y]]}, r"inflow\[0\].line: .*1 different vertex"),
+    ],
+)
+def test_files_that_cannot_be_used_are_refused_with_their_setting(tmp_path, inputs, words):
+    folder = site_of(tmp_path / "site", **inputs)
+    with pytest.raises(InputError, match=rf"site.yaml:\d+: {words}"):
+        runout.read_site(folder).member_arguments()
+    found = inspect(folder)
+    assert any(text for text in found.problems if "inflow[0]" in text), found.problems
+    assert len(found.problems) == 1
+
+
+def test_check_says_volume_peak_and_resolution(tmp_path, capsys):
+    assert cli.main(["check", str(site_of(tmp_path / "site"))]) == ExitCode.OK
+    said = " ".join(capsys.readouterr().out.split())
+    assert "gauge: 1.2e+04 m3 from 0 to 8 s, at most 2000 m3/s; line of 60 m (6 cells), 6 m thick at most (0.6 cells)" in said
+    assert "particles" in said
+    found = inspect(site_of(tmp_path / "short", ALONE.replace("end_time: 20", "end_time: 5")))
+    assert any("goes on until 8 s, the run ends at 5 s: 4000 m3 of 1.2e+04 m3 do not enter" in text for text in found.warnings)
+    found = inspect(site_of(tmp_path / "narrow", line=[[X, Y], [X, Y + 5.0]]))
+    assert any("is 5 m wide, less than a cell of 10 m; draw it wider" in text for text in found.problems)
+
+
+def test_a_site_with_an_inflow_alone_has_all_products(tmp_path):
+    """Two members with half and twice the discharge: maps, balances, record and report."""
+    folder = site_of(tmp_path / "site", ENSEMBLE.replace("end_time: 20", "end_time: 20, backend: reference"))
+    assert cli.main(["run", str(folder), "--quiet", "--workers", "1"]) == ExitCode.OK
+    results = folder / "results"
+    with xr.open_dataset(results / "hazard.nc") as hazard, xr.open_dataset(results / "members.nc") as members:
+        assert float(np.nanmax(hazard["peak_flow_thickness"])) > 1.0
+        assert float(np.nansum(hazard["release_thickness"])) == 0.0
+        assert float(np.nanmax(hazard["inflow_thickness"])) == pytest.approx(6.0)
+        assert set(members) >= {"discharge_factor", "inflow_delay"}
+        factors = members["discharge_factor"].values
+    volumes = []
+    for path in sorted((results / "members").glob("*.nc")):
+        with xr.open_datatree(path) as member:
+            volumes.append(float(member["ledger"]["entered_mass"][-1]) / 2000.0)
+            assert member.attrs["inflow_volume"] == pytest.approx(volumes[-1], rel=1e-6)
+    np.testing.assert_allclose(sorted(volumes), sorted(VOLUME * factors), rtol=1e-6)
+    record = json.loads((results / "run.json").read_text())
+    assert record["inflows"][0]["volume"] == VOLUME
+    report = (results / "report.html").read_text()
+    assert re.search(r"Inflow gauge: 12\W000\W*m³ from 0 to 8\W*s, at most 2\W000", report)
+    assert "Inflow volume" in report
+    assert "Released volume" not in report
+    lines = gpd.read_file(results / "outlines.gpkg", layer="inflow_lines")
+    assert (lines["name"].tolist(), lines["volume_m3"].tolist()) == (["gauge"], [VOLUME])
+
+
+def test_release_and_inflow_run_together(tmp_path):
+    text = WITH_RELEASE.replace("members: 4", "members: 1").replace("end_time: 20", "end_time: 9, backend: reference")
+    folder = site_of(tmp_path / "site", text)
+    assert cli.main(["run", str(folder), "--quiet", "--workers", "1"]) == ExitCode.OK
+    record = json.loads((folder / "results" / "run.json").read_text())
+    assert [mass["name"] for mass in record["releases"]["masses"]] == ["slab"]
+    assert [one["name"] for one in record["inflows"]] == ["gauge"]
