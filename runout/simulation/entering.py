@@ -161,6 +161,7 @@ class Entering:
 
         Those of a source that reserves numbers have these. Others are numbered behind all, and behind ``born`` ones of a bed.
         """
+        assert self.scene is not None
         number, entered = self.first, 0
         for source in self.sources:
             own, number = number, number + source.reserved
@@ -170,6 +171,7 @@ class Entering:
             if not source.reserved:
                 own = self.first + self.reserved + self.entered.particles + born
                 self.entered.particles += len(particles)
+            particles.mass = particles.mass.astype(self.scene.dtype).astype(np.float64)  # as every backend has it
             particles.identity = own + np.arange(len(particles), dtype=np.int64)
             engine.add(particles)
             self._book(particles)
@@ -178,7 +180,7 @@ class Entering:
 
     def _book(self, particles: Particles) -> None:
         assert self.scene is not None
-        self.entered.mass += float(particles.mass.astype(self.scene.dtype).astype(np.float64).sum())
+        self.entered.mass += float(particles.mass.sum())
         self.entered.energy += energy_of(particles, self.scene)
 
     def ledger(self, row: LedgerRow) -> LedgerRow:
@@ -235,4 +237,5 @@ def sentences(record: Mapping[str, Any]) -> Iterator[str]:
     """What :meth:`Entering.attributes` of a run state, source by source."""
     columns = (np.atleast_1d(record.get(key, ())) for key in RECORDED)
     for name, time, mass in zip(*columns, strict=True):
-        yield f"{name} never started, {mass:.4g} kg are never released" if math.isnan(time) else f"{name} started at {time:.4g} s"
+        never = f"{name} never started" + (f", {mass:.4g} kg are never released" if mass > 0.0 else "")
+        yield never if math.isnan(time) else f"{name} started at {time:.4g} s"

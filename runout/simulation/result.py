@@ -77,8 +77,13 @@ class Result:
     @property
     def never_started(self) -> list[str]:
         """Names of the releases that waited until the end; their mass is ``waiting_mass`` of the ledger."""
-        times = zip(self.start.get("late_source", ()), self.start.get("late_source_start_time", ()), strict=True)
-        return [name for name, time in times if np.isnan(time)]
+        from runout.simulation.entering import RECORDED
+
+        return [
+            name
+            for name, time, mass in zip(*(self.start.get(key, ()) for key in RECORDED), strict=True)
+            if np.isnan(time) and mass > 0.0
+        ]
 
     @cached_property
     def state(self) -> Particles:
