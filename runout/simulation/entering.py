@@ -13,7 +13,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from runout.backends.protocol import Backend, LedgerRow
-from runout.backends.reference.backend import compiled_loops
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -38,6 +37,8 @@ class Source(Protocol):
         Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew.
     waiting_mass : float
         Mass [kg] that it holds and may give; 0 if that is not known in advance.
+    thickness : ndarray (rows, columns) or float
+        Of the release that it holds [m], 0 if it holds none.
     particle_volume : float
         Mean volume of its particles without stress [m3].
     name : str
@@ -52,6 +53,7 @@ class Source(Protocol):
     stop: float
     coming: bool
     sudden: bool
+    thickness: np.ndarray | float
     waiting_mass: float
     particle_volume: float
     name: str
@@ -148,6 +150,11 @@ class Entering:
         return any(source.coming for source in self.sources)
 
     @property
+    def waiting_thickness(self) -> np.ndarray | float:
+        """Thickness (rows, columns) [m] of the releases that have not started."""
+        return sum(source.thickness for source in self.sources if source.waiting_mass > 0.0)
+
+    @property
     def waiting_mass(self) -> float:
         """Mass [kg] that sources hold and have not given."""
         return math.fsum(source.waiting_mass for source in self.sources)
@@ -224,6 +231,8 @@ def _is_due(source: Source, time: float) -> bool:
 
 def energy_of(particles: Particles, scene: Scene) -> float:
     """Kinetic, potential and elastic energy [J] of particles without an affine motion."""
+    from runout.backends.reference.backend import compiled_loops
+
     stress, stored = np.zeros((len(particles), 6)), np.zeros(len(particles))
     table = scene.law.table(scene.materials, cell_size=min(scene.spacing))
     strain = np.ascontiguousarray(particles.strain, np.float64)
@@ -233,9 +242,19 @@ def energy_of(particles: Particles, scene: Scene) -> float:
     return float(kinetic - particles.mass @ height + particles.volume @ stored)
 
 
+def never_started(record: Mapping[str, Any]) -> list[str]:
+    """Names of the releases that waited until the end, from :meth:`Entering.attributes` of a run."""
+    return [name for name, time, mass in _rows(record) if math.isnan(time) and mass > 0.0]
+
+
 def sentences(record: Mapping[str, Any]) -> Iterator[str]:
     """What :meth:`Entering.attributes` of a run state, source by source."""
-    columns = (np.atleast_1d(record.get(key, ())) for key in RECORDED)
-    for name, time, mass in zip(*columns, strict=True):
+    for name, time, mass in _rows(record):
         never = f"{name} never started" + (f", {mass:.4g} kg are never released" if mass > 0.0 else "")
         yield never if math.isnan(time) else f"{name} started at {time:.4g} s"
+
+
+def _rows(record: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
+    """Name, start [s] and waiting mass [kg] of each source; a file holds one value without a list."""
+    columns = (np.atleast_1d(record.get(key, ())).tolist() for key in RECORDED)
+    yield from zip(*columns, strict=True)

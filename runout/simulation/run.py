@@ -186,7 +186,8 @@ class Run:
         if self.control.bulking != 1.0:
             maps[DEPOSIT_MAP] = self.control.bulking * maps[DEPOSIT_MAP]
         if self.bed:
-            maps |= self.bed.maps(maps[DEPOSIT_MAP])
+            there = self.entering.waiting_thickness if self.entering else 0.0  # is not released
+            maps |= self.bed.maps(maps[DEPOSIT_MAP] + there)
         # only on known ground: the footprint of a particle may extend beyond an edge
         fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps.items()}
         return Result(

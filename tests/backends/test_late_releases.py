@@ -160,6 +160,16 @@ def test_a_release_that_is_never_reached_stays_out_and_is_said(backend, caplog):
     assert set(result.state.release) == {0}
 
 
+def test_ground_that_never_failed_has_not_changed():
+    """With a bed: the change of elevation is the deposit less what was released, not what waits, and less what was eroded."""
+    one, beside = mass(rows=(2, 8)), mass("beside", rows=(19, 22), starts_when=Arrival("upper"), placement="excavated")
+    result = run([one, beside], end_time=2.0, bed=Bed(0.5, RammsErosion(rate=0.05, critical_stress=0.0)))
+    fields = result.fields
+    expected = fields["deposit_thickness"] - one.thickness - fields["eroded_depth"]
+    np.testing.assert_allclose(fields["elevation_change"], expected, rtol=0, atol=1e-12)
+    assert result.never_started == ["beside"]
+
+
 def test_a_flow_of_a_third_release_does_not_start_one():
     """The trigger names a release: mass of another may lie inside the outline."""
     lower = mass("lower", (14, 20), starts_when=Arrival("aside"))
