@@ -8,14 +8,16 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from runout.backends.initial_stress import energy_at_start
 from runout.backends.protocol import Backend, LedgerRow
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.simulation.observers import PeakMaps
 
 LOGGER = logging.getLogger(__name__)
 ROUNDING = 1e-12  # of times, relative
@@ -76,6 +78,14 @@ class Source(Protocol):
         """Arrays that, with the scene, determine what it gives."""
 
 
+@runtime_checkable
+class Watcher(Protocol):
+    """A source that looks where the flow is."""
+
+    def watch(self, peaks: PeakMaps) -> None:
+        """Look at these maps, which hold the thickness at the last observation."""
+
+
 @dataclass
 class Entered:
     """Sums over what has entered.
@@ -109,11 +119,13 @@ class Entering:
         self.scene: Scene | None = None
         self.first = 0  # number of the first particle that enters
 
-    def begin(self, scene: Scene, particles: int) -> None:
-        """Take the scene of the run, which starts with so many ``particles``."""
+    def begin(self, scene: Scene, particles: int, peaks: PeakMaps) -> None:
+        """Take the scene of the run, which starts with so many ``particles``, and the maps at which sources may look."""
         self.scene, self.first = scene, particles
         for source in self.sources:
             source.begin(scene)
+            if isinstance(source, Watcher):
+                source.watch(peaks)
 
     @property
     def reserved(self) -> int:
@@ -188,7 +200,7 @@ class Entering:
     def _book(self, particles: Particles) -> None:
         assert self.scene is not None
         self.entered.mass += float(particles.mass.sum())
-        self.entered.energy += energy_of(particles, self.scene)
+        self.entered.energy += energy_at_start(particles, self.scene)
 
     def ledger(self, row: LedgerRow) -> LedgerRow:
         """A row of the ledger with what has entered and what waits."""
@@ -227,19 +239,6 @@ class Entering:
 
 def _is_due(source: Source, time: float) -> bool:
     return source.due <= time * (1.0 + ROUNDING)
-
-
-def energy_of(particles: Particles, scene: Scene) -> float:
-    """Kinetic, potential and elastic energy [J] of particles without an affine motion."""
-    from runout.backends.reference.backend import compiled_loops
-
-    stress, stored = np.zeros((len(particles), 6)), np.zeros(len(particles))
-    table = scene.law.table(scene.materials, cell_size=min(scene.spacing))
-    strain = np.ascontiguousarray(particles.strain, np.float64)
-    compiled_loops(scene.law, scene.basal.law).take_stress(strain, particles.release, table, stress, stored)
-    height = particles.position(np.array(scene.spacing)) @ np.array(scene.gravity)
-    kinetic = 0.5 * particles.mass @ (particles.velocity**2).sum(axis=1)
-    return float(kinetic - particles.mass @ height + particles.volume @ stored)
 
 
 def never_started(record: Mapping[str, Any]) -> list[str]:

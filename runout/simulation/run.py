@@ -118,11 +118,15 @@ class Run:
         self.skipped = 0.0  # [s] without any mass
         self.particles = 0  # at the start
 
+    @property
+    def n_particles(self) -> int:
+        """Number of particles of all releases and other sources that have entered or wait."""
+        return self.particles + (self.entering.reserved + self.entering.entered.particles if self.entering else 0)
+
     def count(self, particles: ParticleSource) -> None:
         """Note number and mean volume of the particles."""
         self.particles = len(particles)
-        followed = len(particles) + (self.entering.reserved if self.entering else 0)
-        self.sample = ParticleSample.of(followed, self.control.snapshot_particles)
+        self.sample = ParticleSample.of(self.n_particles, self.control.snapshot_particles)
         volume = particles.sums(self.scene.densities).mean_volume
         self.particle_volume = self.entering.mean_volume(len(particles), volume) if self.entering else volume
 
@@ -134,7 +138,7 @@ class Run:
             self.bed.begin(particles)
             self.bed.particles += self.entering.reserved if self.entering else 0
         if self.entering:
-            self.entering.begin(self.scene, self.particles)
+            self.entering.begin(self.scene, self.particles, self.peaks)
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
             return
