@@ -121,11 +121,16 @@ def _with_free_drag(
 
 def covered_shares(total: np.ndarray) -> np.ndarray:
     """Shares (nx, ny) [1] of their ground that columns of nodes with a mass (nx, ny) [kg] cover; 0 without mass."""
-    padded = np.pad(total, 1)
-    window = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
-    around, squares = window.sum(axis=(2, 3)), (window**2).sum(axis=(2, 3))
+    around, squares = _sums_around(total), _sums_around(total**2)
     covered = array_binding().contact.covered_share(total, around, np.where(total > 0.0, squares, 1.0))
     return np.where(total > 0.0, covered, 0.0)
+
+
+def _sums_around(values: np.ndarray) -> np.ndarray:
+    """Sums (nx, ny) of the 3 x 3 values around each of (nx, ny)."""
+    padded = np.pad(values, 1)
+    rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
+    return rows[:-2] + rows[1:-1] + rows[2:]  # type: ignore[no-any-return]
 
 
 def _release_shares(scene: Scene, p: Particles, stencils: Any) -> np.ndarray:
@@ -135,3 +140,38 @@ def _release_shares(scene: Scene, p: Particles, stencils: Any) -> np.ndarray:
     own = np.where(p.release[:, None] == np.arange(len(scene.materials)), p.mass[:, None], 0.0)
     masses = _over_z(stencils, stencils.scatter(own)).T
     return np.divide(masses, masses.sum(axis=0), out=np.zeros(masses.shape), where=masses.sum(axis=0) > 0.0)
+
+
+def weighed(
+    node: tuple[np.ndarray, np.ndarray], mass: np.ndarray, release: np.ndarray, ratio: np.ndarray, releases: int,
+    first: tuple[int, int], shape: tuple[int, int],
+) -> np.ndarray:  # fmt: skip
+    """Mass [kg], and mass times pore pressure ratio, (releases, 2, nx, ny) of particles by release and nearest node of the plan.
+
+    Parameters
+    ----------
+    node : tuple of ndarray (n,)
+        Nearest nodes of the particles, east and north.
+    mass, release, ratio : ndarray (n,)
+        Mass [kg], release, and pore pressure ratio [1].
+    releases : int
+        Number of all releases.
+    first, shape : tuple of int
+        First node and number of nodes of the window; particles beyond it do not count.
+    """
+    i, j = (along - begin for along, begin in zip(node, first, strict=True))
+    inside = (i >= 0) & (i < shape[0]) & (j >= 0) & (j < shape[1])
+    places = (release[inside] * shape[0] + i[inside]) * shape[1] + j[inside]
+    weights = (mass[inside], (mass * ratio)[inside])
+    sums = [np.bincount(places, values, releases * shape[0] * shape[1]).reshape(releases, *shape) for values in weights]
+    return np.stack(sums, axis=1)
+
+
+def weighed_particles(scene: Scene, p: Particles, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+    """The same (releases, 2, nx, ny) of particles of a scene."""
+    ratio = np.zeros(len(p))
+    if scene.is_wet:
+        table = scene.pore_table().view(np.recarray)[p.release]
+        ratio = array_binding().pore_pressure.pore_ratio(p.pore_excess, p.pore_left, table)
+    east, north = (p.node[:, :2] + np.rint(p.offset[:, :2]).astype(np.int64)).T
+    return weighed((east, north), p.mass, p.release, ratio, len(scene.materials), first, shape)

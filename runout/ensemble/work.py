@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.config import release_start
 from runout.ensemble.member import Member, simulate_alone, simulate_together
 from runout.ensemble.worker import Group, Task
 from runout.ensemble.workers import Share
@@ -44,16 +43,9 @@ class Work:
 
     @property
     def together(self) -> bool:
-        """Whether the members of a group share kernel launches (backend hash).
-
-        Members that erode a bed, or into which mass enters while they run, run alone.
-        """
-        return (
-            self.simulate is None
-            and self.site.settings.bed is None
-            and not release_start.enters(self.site.settings)
-            and (self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash")
-        )
+        """Whether the members of a group share kernel launches (backend hash)."""
+        hashed = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash"
+        return self.simulate is None and hashed
 
     def task(self, share: Share) -> Task:
         """What a worker of a share does with a group."""

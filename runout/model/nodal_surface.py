@@ -38,17 +38,22 @@ class NodalSurface:
     change: np.ndarray = field(default_factory=lambda: NONE)
     first: tuple[int, int] = (0, 0)
     _tiles: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _unchanged: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
     def on_nodes(self, first: tuple[int, int], shape: tuple[int, int]) -> Surface:
         """The ground as a spline whose coefficients sit on so many nodes from the ``first`` on."""
         found = self.surface.on_nodes(self.spacing, first, shape)
+        self._add_change(first, found.coefficients)
+        return found
+
+    def _add_change(self, first: tuple[int, int], coefficients: np.ndarray) -> None:
+        """Add the change to coefficients (n, m) of the surface at the nodes from the ``first`` on."""
         here, there = [], []
-        for one, count, start, size in zip(first, shape, self.first, self.change.shape, strict=True):
+        for one, count, start, size in zip(first, coefficients.shape, self.first, self.change.shape, strict=True):
             low, high = max(one, start), min(one + count, start + size)
             here.append(slice(low - one, max(low, high) - one))
             there.append(slice(low - start, max(low, high) - start))
-        found.coefficients[*here] += self.change[*there]
-        return found
+        coefficients[*here] += self.change[*there]
 
     def with_room(self, first: tuple[int, int], shape: tuple[int, int]) -> "NodalSurface":
         """The same ground, of which :meth:`lower` may lower so many nodes from the ``first`` on; this one stays as it is."""
@@ -72,7 +77,7 @@ class NodalSurface:
             corner = (tile[0] * TILE, tile[1] * TILE)
             beside = zip(corner, first, depth.shape, strict=True)
             if all(low < start + size and start < low + WIDTH for low, start, size in beside):
-                del self._tiles[tile]
+                del self._tiles[tile]  # that of the surface itself is kept, since it takes long to make
 
     def restore(self, change: np.ndarray) -> None:
         """Set the whole change (nx, ny) [m] again, in place."""
@@ -112,5 +117,11 @@ class NodalSurface:
 
     def _tile(self, i: int, j: int) -> np.ndarray:
         if (i, j) not in self._tiles:
-            self._tiles[i, j] = self.on_nodes((i * TILE, j * TILE), (WIDTH, WIDTH)).coefficients.ravel()
+            first = i * TILE, j * TILE
+            if (i, j) not in self._unchanged:
+                self._unchanged[i, j] = self.surface.on_nodes(self.spacing, first, (WIDTH, WIDTH)).coefficients
+            tile = self._unchanged[i, j]
+            if self.change.size:
+                self._add_change(first, tile := tile.copy())
+            self._tiles[i, j] = tile.ravel()
         return self._tiles[i, j]

@@ -16,6 +16,7 @@ from runout.backends.protocol import (
     Backend,
     Counters,
     LedgerRow,
+    NodeSums,
     RasterSums,
     SceneBatch,
     bytes_on_device,
@@ -23,21 +24,26 @@ from runout.backends.protocol import (
     free_memory,
     get_batch,
 )
-from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
+from runout.backends.state import State
+from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
-from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes
+from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes, with_births
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
 from runout.model.numerics import Numerics
 from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
 from runout.model.release import Release
+from runout.model.release_start import require_starts
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
+from runout.simulation.entering import Entering
+from runout.simulation.erosion import ErodingBed, eroding_bed
 from runout.simulation.result import Result
 from runout.simulation.run import BATCH, Run, RunControl
 from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
+from runout.simulation.waiting_release import WaitingRelease
 
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
@@ -77,7 +83,7 @@ def simulate_batch(
     Raises
     ------
     ConfigError
-        If scenarios differ in settings that they must share. A release that starts later than the run is the error of its scenario.
+        If scenarios differ in settings that they must share.
     DeviceError
         If the device does not exist.
     """
@@ -119,15 +125,19 @@ class _Job:
     seconds: float  # to prepare it
     bytes: float  # on the device
     structures: Structures | None
+    bed: ErodingBed | None
+    entering: Entering | None
+    at_start: State = field(default_factory=dict)  # of what waits
 
     @classmethod
     def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
         """Scene and particles from arguments of :func:`runout.simulate`."""
         started = clock.perf_counter()
         options = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
-        release = options["release"]
-        _require_starts_at_once([release] if isinstance(release, Release) else list(release))
-        options |= choices(options.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), options)
+        release, waiting = options["release"], list[WaitingRelease]()
+        releases = [release] if isinstance(release, Release) else list(release)
+        require_starts(releases, options["end_time"])
+        options |= choices(options.pop("accuracy", None), releases, options)
         times = tuple(sorted(options.pop("snapshot_times", ())))
         probes = options.pop("probes", None)
         control = RunControl(
@@ -135,27 +145,34 @@ class _Job:
             force_interval=options.pop("force_interval", None), snapshot_particles=options.pop("snapshot_particles", 0),
             probes=probes.on(options["terrain"]) if probes else None, bulking=options.pop("bulking", 1.0),
         )  # fmt: skip
-        extents: list[Extent] = []
+        extents, bed = list[Extent](), options.pop("bed", None)
         if unknown := options.keys() - scene_arguments(options).keys() - Numerics.names():
             raise TypeError(f"a scenario has the argument {min(unknown)!r}, which runout.simulate does not have")
-        scene, releases_in_chunks = build_scene(**scene_arguments(options), accept=extents.append, in_chunks=True)
+        chosen = scene_arguments(options)
+        scene, releases_in_chunks = build_scene(**chosen, accept=extents.append, in_chunks=True, waiting=waiting)
         particles = CompactParticles.of(releases_in_chunks, scene.densities, scene.dtype)
-        sizes = extents[0].particles, extents[0].nodes_on_device
+        eroding = eroding_bed(bed, scene, options["terrain"], releases, releases_in_chunks.how.per_axis)
+        friction = chosen.get("basal_friction") or chosen["basal_friction_angle"]
+        extent = with_births(extents[0], bed, releases, chosen["numerics"], friction)
+        sizes = extent.particles, extent.nodes_on_device
         needed = bytes_on_device(*sizes, scene.precision, scene.structures, scene.basal.law, scene.basal.mixed, scene.substeps)
-        needed += pore_bytes(extents[0], scene.precision)
+        needed += pore_bytes(extent, scene.precision)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         structures = named_structures(options.get("structures"))
-        return cls(number, options["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, structures)
+        scene, seconds = eroding.scene if eroding else scene, clock.perf_counter() - started
+        sources = Entering(waiting) if waiting else None
+        return cls(number, options["terrain"], scene, particles, control, tell, seconds, needed, structures, eroding, sources)
+
+    def prepare(self, run: Run) -> None:
+        """Prepare a run of this scenario; what waits begins anew where an earlier launch has changed it."""
+        run.prepare(self.particles)
+        if self.entering:
+            self.at_start = self.at_start or _copied(self.entering.state())
+            self.entering.restore(_copied(self.at_start))
 
 
-def _require_starts_at_once(releases: Sequence[Release]) -> None:
-    """Raise ConfigError for a release that waits: mass cannot enter one of the scenes of a launch."""
-    for release in releases:
-        if release.waits:
-            alone = 'simulate it alone, with runout.simulate(backend="hash")'
-            raise ConfigError(
-                f"release {release.name} starts later than the run; scenarios that share launches start together: {alone}"
-            )
+def _copied(state: State) -> State:
+    return {name: np.array(values) for name, values in state.items()}
 
 
 class _Launch:
@@ -231,27 +248,40 @@ def _launched(jobs: list[_Job], place: str, brought: bool) -> Iterator[tuple[int
         yield from _launched(remaining[len(remaining) // 2 :], place, brought)
 
 
-@dataclass
 class _View:
-    """One scene of a batch with the interface of a backend; it is stepped only with the others."""
+    """One scene of a batch with the interface of a backend; it is stepped only with the others.
 
-    batch: SceneBatch
-    scene: int
-    rows: Callable[[], list[LedgerRow]]
-    counters: Counters = field(default_factory=Counters)
+    Particles that join wait until this scene is read or all are stepped: then those of all scenes join at once.
+    """
+
+    def __init__(self, together: "_Together", scene: int):
+        self.together, self.scene, self.counters = together, scene, Counters()
+
+    @property
+    def batch(self) -> SceneBatch:
+        """The batch, with all particles of this scene."""
+        if any(scene == self.scene for scene, _ in self.together.joining):
+            self.together.join()
+        return self.together.batch
 
     @property
     def max_speed(self) -> float:
-        return self.batch.max_speed_of(self.scene)
+        return self.together.batch.max_speed_of(self.scene)
 
     def stable_step(self) -> float:
         return self.batch.stable_step(self.scene)
+
+    def add(self, particles: Particles) -> None:
+        self.together.joining.append((self.scene, particles))
+
+    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        self.batch.lower_of(self.scene, first, depth)
 
     def particles(self) -> Particles:
         return self.batch.particles_of(self.scene)
 
     def ledger(self) -> LedgerRow:
-        return self.rows()[self.scene]
+        return self.together.rows_of(self.batch)[self.scene]
 
     def structure_impulses(self) -> np.ndarray:
         return self.batch.structure_impulses_of(self.scene)
@@ -268,28 +298,43 @@ class _View:
     def lattice_columns(self) -> RasterSums:
         return self.batch.lattice_columns_of(self.scene)
 
+    def node_columns(self) -> NodeSums | None:
+        return self.batch.node_columns_of(self.scene)
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        return self.batch.plan_masses_of(self.scene, first, shape)
+
 
 class _Together:
     """Runs that share the steps of a batch; with ``brought``, their results contain the particles."""
 
     def __init__(self, jobs: list[_Job], place: str, brought: bool):
         self.jobs, self.brought = jobs, brought
-        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.rows: list[LedgerRow] = []  # of the present state, filled on first use
-        views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
+        self.joining: list[tuple[int, Particles]] = []  # scene, and particles that wait to join it
+        views = [cast(Backend, _View(self, k)) for k in range(len(jobs))]
         self.runs = [
-            Run(view, job.scene, job.control, job.progress, None, job.structures) for view, job in zip(views, jobs, strict=True)
+            Run(view, job.scene, job.control, job.progress, None, job.structures, job.bed, job.entering)
+            for view, job in zip(views, jobs, strict=True)
         ]
         for run, job in zip(self.runs, jobs, strict=True):
-            run.count(job.particles)
+            job.prepare(run)
+        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()
 
-    def _rows(self) -> list[LedgerRow]:
+    def rows_of(self, batch: SceneBatch) -> list[LedgerRow]:
+        """Rows of the ledger of all scenes of the batch."""
         if not self.rows:
-            self.rows = self.batch.ledgers()
+            self.rows = batch.ledgers()
         return self.rows
+
+    def join(self) -> None:
+        """Let all particles join that wait."""
+        if self.joining:
+            self.batch.join(self.joining)
+            self.joining, self.rows = [], []
 
     def outcomes(self) -> Iterator[tuple[int, Result | RunoutError]]:
         """Number and outcome of each run, in the order in which they end."""
@@ -309,6 +354,7 @@ class _Together:
 
     def _advance(self, running: set[int]) -> None:
         """Make a sequence of steps of all runs; a run whose observation is due earlier waits."""
+        self.join()
         for k in running:
             if self.todo[k] == 0:
                 self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)
@@ -345,6 +391,6 @@ class _Together:
         if not run.reason:
             return None
         run.seconds = clock.perf_counter() - self.started
-        result = run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
+        result = run.result(job.terrain, run.n_particles, job.seconds, brought=self.brought)
         _ = result.state  # before the scene leaves the device
         return result

@@ -29,7 +29,7 @@ from runout.model.scene import Scene
 from runout.quantities import member_map_names
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 13  # version of the file; increase it when the meaning of a state changes
+FORMAT = 14  # version of the file; increase it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 # errors of a damaged archive; RuntimeError: it seems to be encrypted, or has an unknown compression
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)

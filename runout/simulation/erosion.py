@@ -2,8 +2,9 @@
 
 An update takes the columns of the flow and adds what the law erodes to what each node owes. 2 x 2 nodes together give birth to
 what they owe, rounded to whole particles, at the node that owes most: at rest, without stress, at the lowered ground, with the
-number and the density of the mass above, and with the pore pressure of the bed. The ground is lowered by all that is eroded, so
-that it stays smooth; maps and ledger hold what became particles. The grid passes momentum to these in the next transfer.
+number and the density of the mass above, and with the pore pressure of the bed. They join the running backend, which lowers its
+ground by all that is eroded, so that it stays smooth; maps and ledger hold what became particles. The grid passes momentum to these
+in the next transfer.
 
 Updates come so often that the fastest particle goes half a cell and the bed falls by 2 % of a cell at most between two of them.
 """
@@ -11,7 +12,7 @@ Updates come so often that the fastest particle goes half a cell and the bed fal
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -20,8 +21,8 @@ import numpy as np
 
 from runout.backends import bed_loops
 from runout.backends.compile import array_binding, numba_binding
-from runout.backends.plan_areas import covered_shares
-from runout.backends.protocol import Backend, Counters, LedgerRow, WindowBackend
+from runout.backends.plan_areas import covered_shares, weighed_particles
+from runout.backends.protocol import Backend, LedgerRow, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, require_kind
 from runout.model.bed import Bed
@@ -35,16 +36,14 @@ from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.quantities import bed_map_names
 from runout.release import stagger
-from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, births, rounding_of
+from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundSlopes, births, rounding_of
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
-LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth loads the backend anew
+LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth takes as long as a few steps
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
-SUMMED = ("escaped_mass", "basal_dissipation", "plastic_dissipation", "escaped_energy", "basal_impulse", "structure_dissipation")
 NOTHING = np.array([[2**62, 2**62], [0, 0]])  # first nodes and ends of no part of the window
-COUNTED = "steps", "transfers", "particle_steps", "rebuilds"
 
 
 @cache
@@ -56,21 +55,11 @@ def loops(law: ErosionLaw, friction: FrictionLaw) -> SimpleNamespace:
 
 @dataclass
 class Booked:
-    """Sums of the backend before it was last loaded, and what the bed gave."""
+    """What the bed gave."""
 
     entrained_mass: float = 0.0  # [kg]
     entrained_energy: float = 0.0  # [J], potential, at birth
     entrainment_dissipation: float = 0.0  # [J]: half of the new mass times the squared speed of the column that takes it up
-    escaped_mass: float = 0.0
-    basal_dissipation: float = 0.0
-    plastic_dissipation: float = 0.0
-    escaped_energy: float = 0.0
-    structure_dissipation: float = 0.0
-    basal_impulse: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    steps: int = 0
-    transfers: int = 0
-    particle_steps: int = 0
-    rebuilds: int = 0
 
 
 class ErodingBed:
@@ -90,6 +79,8 @@ class ErodingBed:
     ----------
     first : tuple of int
         First node of the window of nodes with a bed.
+    there : ndarray (nx, ny)
+        Vertical depth [m] of the bed at its nodes at the start.
     eroded, owed, sunk : ndarray (nx, ny)
         Vertical depth [m] that is eroded; that part of it of which no particle is born yet, less than nothing where particles came
         early; and by which the ground was lowered when particles were born last.
@@ -103,6 +94,8 @@ class ErodingBed:
         assert scene.ground is not None
         self.ground: NodalSurface = scene.ground.with_room(self.first, shape)
         self.scene = replace(scene, surface=self.ground)
+        self.slopes = GroundSlopes(self.ground, self.first, shape)
+        self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
         self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
         self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
@@ -111,8 +104,7 @@ class ErodingBed:
         self.time = self.due = self.births_at = 0.0  # [s]
         self.born = 0
         self.particles = 0  # at the start
-        self.booked, self.impulses = Booked(), np.zeros((0, 3))
-        self.stages: dict[str, float] = {}  # seconds of the backend before it was last loaded
+        self.booked = Booked()
 
     @property
     def area(self) -> float:
@@ -130,15 +122,15 @@ class ErodingBed:
         """Note how many particles there are at the start, and where those of several releases lie."""
         self.particles = len(particles)
         if len(self.scene.materials) > 1:
-            for chunk in particles.chunks(stressed=False):
-                self._note_releases(chunk)
+            chunks = particles.chunks(stressed=False)
+            masses = [weighed_particles(self.scene, chunk, self.first, self.owed.shape) for chunk in chunks]
+            self._note_releases(self.releases, np.sum(masses, axis=0))
 
     def update(self, engine: Backend, time: float) -> None:
-        """Erode the bed up to a ``time`` [s], and load the backend anew if births are due."""
+        """Erode the bed up to a ``time`` [s]; if births are due, particles join the backend."""
         lasting, self.time = time - self.time, time
-        found = engine.lattice_columns() if isinstance(engine, WindowBackend) else None
-        boxes = found.boxes if found is not None else None
-        columns = Columns.of(boxes).window(self.first, self.owed.shape) if boxes is not None else None
+        found = engine.node_columns() if isinstance(engine, WindowBackend) else None
+        columns = Columns.of(found).window(self.first, self.owed.shape) if found is not None else None
         fastest = 0.0
         if columns is not None:
             fastest = self._erode(engine, columns, lasting)
@@ -153,15 +145,15 @@ class ErodingBed:
         """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""
         part_of = self._part(columns)
         owed, eroded = self.owed[part_of], self.eroded[part_of]
-        left = self.depth.on_nodes(columns.first, owed.shape, self.scene.spacing) - eroded
-        speed = columns.speed
+        left, speed = self.there[part_of] - eroded, columns.speed
         i, j = np.nonzero((left > 0.0) & (speed >= MOVING))
         if not len(i):
             return 0.0
         rates, density = np.zeros(len(i)), columns.mass[i, j] / columns.volume[i, j]
-        slopes, covered = self._slopes_at(columns.first, i, j), covered_shares(columns.mass)[i, j]
+        slopes = self.slopes.at(i + part_of[0].start, j + part_of[1].start)
+        covered = covered_shares(columns.mass)[i, j]
         thickness = columns.volume[i, j] / (self.area * covered)
-        flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine)[part_of][i, j]])
+        flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine, columns)[i, j]])
         basal = np.zeros(len(i), self.scene.basal.table().dtype)
         if self.bed.erosion.of_friction:
             x, y = ((index + start) * h for index, start, h in zip((i, j), columns.first, self.scene.spacing, strict=False))
@@ -185,23 +177,14 @@ class ErodingBed:
             record[name] = value
         return record
 
-    def _pore_ratios(self, engine: Backend) -> np.ndarray:
-        """Mean pore pressure ratios (nx, ny) [1] of the mass around the nodes; 0 where the law does not read them."""
+    def _pore_ratios(self, engine: Backend, columns: Columns) -> np.ndarray:
+        """Mean pore pressure ratios (nx, ny) [1] of the mass around the nodes of columns; 0 where the law does not read them."""
+        shape = columns.volume.shape
         if not (self.scene.is_wet and self.bed.erosion.of_friction):
-            return np.zeros(self.owed.shape)
-        present = engine.particles()
-        table = self.scene.pore_table().view(np.recarray)[present.release]
-        ratio = array_binding().pore_pressure.pore_ratio(present.pore_excess, present.pore_left, table)
-        places, inside = self._nodes_around(present)
-        mass = np.bincount(places, present.mass[inside], self.owed.size)
-        wet = np.bincount(places, (present.mass * ratio)[inside], self.owed.size)
-        return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0).reshape(self.owed.shape)
-
-    def _slopes_at(self, first: tuple[int, int], i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Slopes (n, 2) [1] of the ground at nodes ``i``, ``j`` (n,) from ``first`` on."""
-        dx, dy, _ = self.scene.spacing
-        _, east, north = self.ground.evaluate((first[0] + i) * dx, (first[1] + j) * dy)
-        return np.column_stack([east, north])
+            return np.zeros(shape)
+        assert isinstance(engine, WindowBackend)
+        mass, wet = engine.plan_masses(columns.first, (shape[0], shape[1])).sum(axis=0)
+        return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0)
 
     def _part(self, columns: Columns) -> tuple[slice, slice]:
         """Part of the window of the bed where columns lie."""
@@ -219,7 +202,7 @@ class ErodingBed:
         owed, releases, densities = self.owed[part_of], self.releases[part_of], self.scene.densities
         mass = (densities * self.volume).astype(self.scene.dtype).astype(np.float64)  # of a particle of each release
         takes = (mass / (self.bed.density or densities) / self.area)[releases]  # [m] of the bed
-        left = self.depth.on_nodes(first, owed.shape, self.scene.spacing) - self.eroded[part_of]
+        left = self.there[part_of] - self.eroded[part_of]
         rounding, count = rounding_of(first, owed.shape), np.zeros(owed.shape, np.int64)
         for size in POOL_WIDTHS[:1] if late > 0.0 else POOL_WIDTHS:
             more, given = births(owed, left, takes, rounding if late > 0.0 else np.zeros(owed.shape), late, size)
@@ -227,22 +210,25 @@ class ErodingBed:
             count += more
         if not count.any():
             return
-        self._lower_ground()
+        self._lower_ground(engine)
         i, j = (np.repeat(index, count[count > 0]) for index in np.nonzero(count))
         newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
-        self._book(engine, columns, newborn, i + first[0], j + first[1])
-        present = engine.particles()
+        self._book(columns, newborn, i + first[0], j + first[1])
         if len(self.scene.materials) > 1:
-            self._note_releases(present)
-        arrays = {name: np.concatenate([values, getattr(newborn, name)]) for name, values in vars(present).items()}
-        engine.load(self.scene, Particles(**arrays))
+            assert isinstance(engine, WindowBackend)
+            shape = columns.volume.shape
+            self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, (shape[0], shape[1])))
+        engine.add(newborn)
 
-    def _lower_ground(self) -> None:
+    def _lower_ground(self, engine: Backend) -> None:
         """Lower the ground by all that was eroded since it was lowered last."""
         (west, south), (east, north) = self.changed.tolist()
+        if west >= east:
+            return
         changed = slice(west, east), slice(south, north)
         depth = self.eroded[changed] - self.sunk[changed]
-        self.ground.lower((self.first[0] + west, self.first[1] + south), depth)
+        engine.lower((self.first[0] + west, self.first[1] + south), depth)
+        self.slopes.forget(*changed)
         self.sunk[changed] = self.eroded[changed]
         self.changed = NOTHING.copy()
 
@@ -278,49 +264,22 @@ class ErodingBed:
         self.born += len(i)
         return newborn
 
-    def _book(self, engine: Backend, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
-        """Add the sums of the backend, which loading sets to zero, and mass and energy of particles at nodes ``i``, ``j`` (n,)."""
-        booked, row = self.booked, engine.ledger()
-        for name in SUMMED:
-            setattr(booked, name, getattr(booked, name) + getattr(row, name))
-        for name in COUNTED:
-            setattr(booked, name, getattr(booked, name) + getattr(engine.counters, name))
-        impulses = engine.structure_impulses()
-        self.impulses = self.impulses + impulses if len(self.impulses) else impulses
-        self.stages = _added(self.stages, engine.counters.seconds)
-        height = newborn.position(np.array(self.scene.spacing)) @ np.array(self.scene.gravity)
+    def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
+        """Add mass and energy of particles at nodes ``i``, ``j`` (n,)."""
+        booked, height = self.booked, newborn.position(np.array(self.scene.spacing)) @ np.array(self.scene.gravity)
         booked.entrained_mass += float(newborn.mass.sum())
         booked.entrained_energy -= float(newborn.mass @ height)
         booked.entrainment_dissipation += float(0.5 * newborn.mass @ columns.speed_at(i, j) ** 2)
 
-    def _note_releases(self, particles: Particles) -> None:
-        """Note which release has most of the mass around each node."""
-        places, inside = self._nodes_around(particles)
-        count = len(self.scene.materials)
-        own = np.bincount(places * count + particles.release[inside], particles.mass[inside], self.owed.size * count)
-        by_release = own.reshape(*self.owed.shape, count)
-        self.releases = np.where(by_release.any(axis=2), by_release.argmax(axis=2), self.releases).astype(np.int32)
-
-    def _nodes_around(self, particles: Particles) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of the plan nearest to the particles that have a bed below, and which particles (n,) these are."""
-        node = particles.node[:, :2] + np.round(particles.offset[:, :2]).astype(np.int64) - np.array(self.first)
-        inside = ((node >= 0) & (node < self.owed.shape)).all(axis=1)
-        return np.ravel_multi_index(tuple(node[inside].T), self.owed.shape), inside
+    @staticmethod
+    def _note_releases(releases: np.ndarray, masses: np.ndarray) -> None:
+        """Put the release that has most of the mass around each node; ``masses`` (releases, 2, nx, ny) as of the backend."""
+        own = masses[:, 0]
+        releases[:] = np.where(own.any(axis=0), own.argmax(axis=0), releases)
 
     def ledger(self, row: LedgerRow) -> LedgerRow:
-        """A row of the backend with what was booked before it was last loaded, and with what the bed gave."""
-        sums = {name: getattr(self.booked, name) + getattr(row, name) for name in SUMMED}
-        entrained = {name: getattr(self.booked, name) for name in ("entrained_mass", "entrained_energy", "entrainment_dissipation")}
-        return replace(row, **sums, **entrained)
-
-    def counters(self, now: Counters) -> Counters:
-        """Work since the start of the run."""
-        whole = {name: getattr(self.booked, name) + getattr(now, name) for name in COUNTED}
-        return Counters(**whole, seconds=_added(self.stages, now.seconds))
-
-    def structure_impulses(self, now: np.ndarray) -> np.ndarray:
-        """Impulses (patches, 3) [N s] since the start of the run."""
-        return self.impulses + now if len(self.impulses) else now
+        """A row of the backend with what the bed gave."""
+        return replace(row, **vars(self.booked))
 
     def maps(self, deposit: np.ndarray) -> dict[str, np.ndarray]:
         """Maps (rows, columns) [m] on the raster by name, beside the thickness of the ``deposit`` (rows, columns) [m].
@@ -334,7 +293,7 @@ class ErodingBed:
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""
-        return arrays_of(self, ("volume", "radius", "particles")) | arrays_of(self.booked, (), "booked.")
+        return arrays_of(self, ("volume", "radius", "particles", "there")) | arrays_of(self.booked, (), "booked.")
 
     def restore(self, state: State) -> None:
         """Continue from :meth:`state`; the ground is lowered as it was."""
@@ -360,7 +319,3 @@ def eroding_bed(
     for sentence in bed.sentences(terrain, releases, scene.spacing, eroding.volume):
         LOGGER.warning("%s", sentence)
     return eroding
-
-
-def _added(a: dict[str, float], b: dict[str, float]) -> dict[str, float]:
-    return {name: a.get(name, 0.0) + b.get(name, 0.0) for name in {**a, **b}}

@@ -130,15 +130,19 @@ class Run:
         volume = particles.sums(self.scene.densities).mean_volume
         self.particle_volume = self.entering.mean_volume(len(particles), volume) if self.entering else volume
 
-    def start(self, particles: ParticleSource) -> None:
-        """Load the backend with the particles, or with the state of a checkpoint of this run."""
+    def prepare(self, particles: ParticleSource) -> None:
+        """Note the particles at the start, also for a bed and for what enters later."""
         self.count(particles)
-        state = self.keep.read() if self.keep else None
         if self.bed:
             self.bed.begin(particles)
             self.bed.particles += self.entering.reserved if self.entering else 0
         if self.entering:
             self.entering.begin(self.scene, self.particles, self.peaks)
+
+    def start(self, particles: ParticleSource) -> None:
+        """Load the backend with the particles, or with the state of a checkpoint of this run."""
+        self.prepare(particles)
+        state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
             return
@@ -252,7 +256,7 @@ class Run:
         """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
             if self.forces.structures:
-                self.forces.record(self.time, self._structure_impulses())
+                self.forces.record(self.time, self.engine.structure_impulses())
             self._note(self.time, self._columns())
             self._keep_snapshots()
             self._observe()
@@ -348,7 +352,7 @@ class Run:
         if self.bed and self.time >= self.bed.due - self._rounding:
             self._erode(self.bed)
         if self.time >= self.forces.due - self._rounding:
-            self.forces.record(self.time, self._structure_impulses())
+            self.forces.record(self.time, self.engine.structure_impulses())
         self._keep_snapshots()
         if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
             self._observe()
@@ -395,12 +399,7 @@ class Run:
     @property
     def counters(self) -> Counters:
         """Work since the start of the run."""
-        return self.bed.counters(self.engine.counters) if self.bed else self.engine.counters
-
-    def _structure_impulses(self) -> np.ndarray:
-        """Impulses (patches, 3) [N s] since the start of the run."""
-        impulses = self.engine.structure_impulses()
-        return self.bed.structure_impulses(impulses) if self.bed else impulses
+        return self.engine.counters
 
     @property
     def _rounding(self) -> float:
@@ -439,7 +438,7 @@ class Run:
         if self.reason and self.peaks.time < self.time:
             self._note(self.time, self._columns())
         if self.reason and self.forces.structures and self.forces.times[-1] < self.time:
-            self.forces.record(self.time, self._structure_impulses())
+            self.forces.record(self.time, self.engine.structure_impulses())
         if self.progress:
             self.progress(1.0 if self.reason else self.time / control.end_time)
         self.observing += clock.perf_counter() - started

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import HARD, box, engine_of, plane, scene
 
-from runout import Bed, DruckerPrager, EnergyErosion, GrowthErosion, JumpErosion, PorePressure, RammsErosion, Terrain
+from runout import Bed, DruckerPrager, EnergyErosion, FrictionZones, GrowthErosion, JumpErosion, PorePressure, RammsErosion, Terrain
 from runout.backends.protocol import BACKENDS
 from runout.errors import ConfigError
 from runout.model.erosion_laws import EROSIONS
@@ -291,3 +291,86 @@ def test_bad_beds_are_refused():
         EnergyErosion(specific_energy=0.0)
     with pytest.raises(ConfigError, match="depth has"):
         Bed(np.ones((3, 3))).depth_on(Terrain.from_array(np.zeros((4, 4)), 1.0), [])
+
+
+def interrupted(start, path):
+    """A whole run, and one that was interrupted and resumed; ``start(keep)`` gives run and bed."""
+
+    class Stop(Exception):
+        pass
+
+    class StoppedCheckpoint(Checkpoint):
+        def write(self, state):
+            super().write(state)
+            if float(state["bed.born"]) > 30:
+                raise Stop
+
+    whole, _ = start(None)
+    whole.go()
+    stopped, _ = start(StoppedCheckpoint(path, "key", 0.0))
+    with pytest.raises(Stop):
+        stopped.go()
+    resumed, eroding = start(Checkpoint(path, "key", 0.0))
+    assert 30 < eroding.born < 1000
+    resumed.go()
+    return whole, resumed, eroding
+
+
+KINDS = {
+    "structures": {"structures": True},
+    "two materials, zones, substeps": {
+        "materials": (BLOCK, replace(BLOCK, density=2300.0)), "friction": (MU, 1.2 * MU), "substeps": 3,
+    },
+    "wet, friction of the flow": {"pore_pressure": (PorePressure(ratio=0.4, decay_time=3.0),)},
+}  # fmt: skip
+
+
+@EACH
+@pytest.mark.parametrize("kind", KINDS)
+def test_bed_of_any_scene_is_booked_and_resumes_to_the_same_bits(name, kind, tmp_path):
+    """Beside a wall, with several materials, friction zones and substeps, with pore pressure: sums go on through births."""
+    choices = {"materials": (BLOCK,), "friction": (MU,), "gravity": DOWN, **KINDS[kind]}
+    if choices.pop("structures", False):
+        choices["structures"] = wall_beside()
+    if len(choices["materials"]) > 1:
+        choices["friction_zones"] = FrictionZones(np.full((40, 30), 0.8), np.zeros((40, 30)), (2.0, 2.5))
+    energy = EnergyErosion(specific_energy=400.0) if "pore_pressure" in choices else FIXED
+    a_scene, terrain = scene(plane(), **choices), Terrain.from_array(np.zeros(CELLS), (2.0, 2.5))
+
+    def start(keep):
+        eroding = ErodingBed(Bed(2.0, energy, pore_pressure_ratio=0.6 if a_scene.is_wet else None), a_scene, terrain, [], PER_CELL)
+        p = box((8.0, 20.0, 0.0), (8.0, 6.0, 1.0), (1.0, 1.0, 1.0), BLOCK.density, surface=a_scene.surface)
+        p.velocity[:, 0] = 4.0
+        if a_scene.is_wet:
+            p.pore_excess[:], p.pore_left[:] = 0.4, 1.0
+        if len(a_scene.materials) > 1:
+            upper = p.position(np.ones(3))[:, 0] > 12.0
+            p.release[upper] = 1
+            p.mass[upper] *= 2300.0 / BLOCK.density
+        run = Run(engine_of(name), eroding.scene, RunControl(0.6, stop=False), None, keep, None, eroding)
+        run.start(p)
+        return run, eroding
+
+    whole, resumed, eroding = interrupted(start, tmp_path / "c.npz")
+    for expected, found in (
+        (whole.engine.particles(), resumed.engine.particles()),
+        (whole.engine.ledger(), resumed.engine.ledger()),
+    ):
+        for field, values in vars(expected).items():
+            np.testing.assert_array_equal(getattr(found, field), values, err_msg=field)
+    impulses = whole.engine.structure_impulses()
+    np.testing.assert_array_equal(resumed.engine.structure_impulses(), impulses)
+    assert (np.abs(impulses).max(initial=0.0) > 0.0) == ("structures" in choices)
+    p, ledger = resumed.engine.particles(), series(resumed)
+    born = p.identity >= eroding.particles
+    assert born.sum() == eroding.born > 40
+    assert set(p.release[born]) == set(p.release[~born])
+    assert ledger["mass"][-1] == pytest.approx(ledger["mass"][0] + ledger["entrained_mass"][-1], rel=1e-13)
+    assert (np.diff(ledger["basal_dissipation"]) >= 0.0).all()
+
+
+def wall_beside():
+    """A wall along the north side of the layer, which spreads against it."""
+    from runout.backends.scan.warm_up import side_wall
+
+    return replace(side_wall(), origin=(6.0, 16.05, -4.0))

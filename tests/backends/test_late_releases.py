@@ -11,7 +11,6 @@ import pytest
 import runout
 from runout import Arrival, Bed, DruckerPrager, PorePressure, RammsErosion, Release, ReleaseError, StartVelocity, Terrain
 from runout.backends.protocol import BACKENDS
-from runout.errors import ConfigError
 from runout.model.numerics import Numerics
 from runout.simulation.batch import simulate_batch
 from runout.simulation.scenario import build_scene
@@ -368,11 +367,30 @@ def test_overlap_is_refused_at_the_same_time_and_of_two_scars():
             run([mass(**one), mass("second", **other)], end_time=2.0)
 
 
-def test_scenarios_that_share_launches_refuse_a_late_release():
-    scenario = {"terrain": TERRAIN, "release": mass(start_time=1.0), "material": SOIL, "cell_size": CELL, "end_time": 2.0}
+def test_scenarios_that_share_launches_have_late_releases_as_runs_of_their_own():
+    """One starts at once, one later, one is triggered, one has a bed below: each gives the bits of a run alone."""
+    lower = mass("lower", (14, 20), starts_when=Arrival("upper", 0.2), placement="excavated")
+    bed = {"bed": Bed(0.5, RammsErosion(rate=0.05, critical_stress=0.0))}
+    masses = [mass()], [mass(start_time=1.0)], [mass(), lower], [mass(), mass("second", rows=(17, 23), start_time=1.5)]
+    choices = {"cell_size": CELL, "end_time": 4.0, "precision": "float64", "basal_friction_angle": 20.0, "stop": False}
+    shared = {"terrain": TERRAIN, "material": SOIL, **choices}
+    scenarios = [{**shared, "release": releases, **(bed if k == 3 else {})} for k, releases in enumerate(masses)]
+    for k, result in simulate_batch(scenarios, device="cpu"):
+        assert isinstance(result, runout.Result), result
+        alone = run(masses[k], "hash", **choices, **(bed if k == 3 else {}))
+        assert result.start.get("late_source_start_time") == alone.start.get("late_source_start_time")
+        assert result.n_particles == alone.n_particles
+        for name, values in alone.fields.items():
+            np.testing.assert_array_equal(result.fields[name], values, err_msg=f"{name} of {k}")
+        for name, values in vars(alone.state).items():
+            np.testing.assert_array_equal(getattr(result.state, name), values, err_msg=f"{name} of {k}")
+
+
+def test_a_scenario_of_a_batch_that_cannot_start_is_its_own_error():
+    scenario = {"terrain": TERRAIN, "release": mass(start_time=2.0), "material": SOIL, "cell_size": CELL, "end_time": 2.0}
     ((_, error),) = list(simulate_batch([scenario], device="cpu"))
-    assert isinstance(error, ConfigError)
-    assert "release upper starts later than the run" in str(error)
+    assert isinstance(error, ReleaseError)
+    assert "starts at 2 s, the run ends at 2 s" in str(error)
 
 
 def test_a_start_speed_raises_the_modulus_and_the_speed_that_is_expected():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import HASH_DEVICE, assert_same_numbers
 
-from runout import ConfigError, DruckerPrager, Release, Terrain, simulate
+from runout import Bed, ConfigError, DruckerPrager, RammsErosion, Release, Terrain, simulate
 from runout.errors import CapacityError, MaterialError
 from runout.simulation.batch import _Together, simulate_batch
 
@@ -64,6 +64,24 @@ def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
         fractions = [fraction for particle_index, fraction in told if particle_index == number]
         assert fractions == sorted(fractions)
         assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+
+
+def test_scenarios_with_a_bed_share_launches():
+    """Births of all scenes join at once; each scene takes up what it takes up alone, on a ground of its own."""
+    bed = Bed(1.0, RammsErosion(rate=1.0, critical_stress=0.0))
+    scenarios = [scenario(end_time=1.5, bed=bed), scenario(8.0, 1.2, bed=bed, factor=0.7), scenario(25.0, 0.6)]
+    found = dict(simulate_batch(scenarios, device=HASH_DEVICE))
+    for number, arguments in enumerate(scenarios):
+        alone = simulate(**arguments, backend="hash", device=HASH_DEVICE)
+        assert found[number].steps == alone.steps
+        for name, values in alone.fields.items():
+            np.testing.assert_allclose(found[number].fields[name], values, rtol=1e-6, atol=1e-6, err_msg=name)
+        assert ("eroded_depth" in alone.fields) == ("bed" in arguments)
+        if "bed" in arguments:
+            taken, expected = (r.series["entrained_mass"][-1] for r in (found[number], alone))
+            assert taken == pytest.approx(expected, rel=1e-12)
+            assert taken > 0.02 * alone.series["mass"][0]
+            assert len(found[number].state) == len(alone.state) > found[number].n_particles
 
 
 def test_a_flow_that_speeds_up_between_the_stops_of_another_ends_as_in_its_own_run():

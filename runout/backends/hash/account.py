@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from runout.model.particles import Particles, joined_mean
+
 
 @dataclass
 class Account:
@@ -16,3 +20,11 @@ class Account:
     packed_dt: float = 0.0  # time step for which the records hold the stress [s]
     contact_particles: int = 0
     failure: str = ""
+
+    def join(self, p: Particles, densities: np.ndarray, speed: float) -> None:
+        """Count particles that join the scene, the fastest of them with a ``speed`` [m/s]."""
+        more = p.sums(densities)
+        self.particle_volume = joined_mean(self.particle_volume, self.particles, more.mean_volume, len(p))
+        self.particles += len(p)
+        self.mass += more.mass
+        self.max_speed = max(self.max_speed, speed)

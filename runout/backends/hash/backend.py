@@ -5,15 +5,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.batch import STEPS_PER_SORT, Batch
+from runout.backends.hash.batch import Batch
 from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.grid import bytes_of_areas
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, layers_of, room_for
 from runout.backends.hash.limits import largest_blocks, require_particles, room_within
-from runout.backends.hash.readback import KEPT
 from runout.backends.hash.structures import bytes_of_structures
-from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
@@ -61,29 +60,12 @@ class HashBackend(Batch):
         super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense)
 
     def add(self, particles: Particles) -> None:
-        """Add particles to those that are there; sums and counters go on."""
-        scene, counters, present = self.parts.scenes.scenes[0], self.counters, self.particles()
-        with self._on_device():
-            kept = self.report.rows(self.parts)[:, :KEPT].copy()
-        before, old = self.parts.structures, self.accounts[0]
-        self.load(scene, present.joined(particles))
-        self.counters, account = counters, self.accounts[0]
-        account.contact_particles = old.contact_particles
-        with self._on_device():
-            self.report.kept.assign(kept)
-            if before is not None and self.parts.structures is not None:
-                for name in ("upper", "lower", "units"):
-                    getattr(self.parts.structures, name).assign(getattr(before, name))
+        """Add particles to those that are there; only these are brought to the device, and a sort follows."""
+        self.join([(0, particles)])
 
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]; the next step sorts and cuts it anew."""
-        ground = self.parts.scenes.scenes[0].ground
-        assert ground is not None
-        assert self.parts.ground is not None
-        ground.lower(first, depth)
-        with self._on_device():
-            self.parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth))
-        self.since_sort = STEPS_PER_SORT
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]."""
+        self.lower_of(0, first, depth)
 
     def step(self, dt: float, substeps: int = 1) -> None:
         """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""
@@ -124,6 +106,14 @@ class HashBackend(Batch):
     def lattice_columns(self) -> RasterSums:
         """The same on the lattice of footprints."""
         return self.lattice_columns_of(0)
+
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan."""
+        return self.node_columns_of(0)
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Masses (releases, 2, nx, ny) by release around nodes of the plan."""
+        return self.plan_masses_of(0, first, shape)
 
     def structure_impulses(self) -> np.ndarray:
         """Impulse (patches, 3) [N s] of the mass on each patch of the structures since ``load``; (0, 3) without any."""

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends import footprints
-from runout.backends.hash import readback, sort, step
+from runout.backends.hash import addition, readback, sort, step
 from runout.backends.hash.account import Account
 from runout.backends.hash.device_status import DeviceStatus, Snapshot
 from runout.backends.hash.graphs import Graphs
@@ -24,10 +24,11 @@ from runout.backends.hash.layout import FAILED, PENDING, STEPS, UNSTABLE, run
 from runout.backends.hash.loading import Loaded
 from runout.backends.hash.looks import Looks, Take
 from runout.backends.hash.parts import Parts
-from runout.backends.hash.scenes import SceneArrays
+from runout.backends.hash.scenes import SceneArrays, reach_of
 from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
-from runout.backends.protocol import Counters, LedgerRow, RasterSums
+from runout.backends.loading import fastest
+from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums
 from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -37,7 +38,6 @@ from runout.physics.contact import kept_share
 STEPS_PER_SORT = 64  # the particles come back into the order of their cells in memory after so many steps
 SORTS_BEFORE = 2  # for either place of the rows, before a sort is recorded as a graph
 FEWEST = 4  # but not before so many, unless a particle leaves the index
-FARTHEST = 1.75  # cells that a particle moves in a step at most, in any direction, before the run is called unstable
 
 
 class Batch:
@@ -82,6 +82,7 @@ class Batch:
             self.report = readback.Report(kernels.groups, len(given), self.device.is_cuda)
             loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes])
             self.accounts = loaded.accounts
+            self.joined = [(s, a.particles) for s, a in enumerate(self.accounts)]  # scene and number of particles by number
             self.parts: Parts = self._parts_of(loaded, kernels)
             if dense:
                 self.parts.index.box = wp.array(box_around(loaded.nodes.numpy()), dtype=wp.int32)
@@ -140,6 +141,46 @@ class Batch:
         self.sorting = None
         sort.settle(self.parts, lambda: sort.present(self.parts), found)
         return generation == self._generation()
+
+    def join(self, more: Sequence[tuple[int, Particles]]) -> None:
+        """Add particles to scenes between two steps, all at once, as :meth:`runout.backends.protocol.Backend.add`."""
+        more = [(scene, p) for scene, p in more if len(p)]
+        if not more:
+            return
+        addition.require_joinable(self.parts, more)
+        with self._on_device():
+            if self.sorting:
+                self._settle()
+            addition.join(self.parts, self.report, self.accounts, more)
+            for scene, p in more:
+                self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
+                self.joined.append((scene, len(p)))
+                self.looks.travelled[scene] = np.inf
+            self._note_speeds()
+        self.counters.rebuilds += 1
+        self.since_sort = 0
+        self.report.forget()
+
+    def _note_speeds(self) -> None:
+        """Let the device know of the largest speeds of the scenes, from which contact is found."""
+        peaks = self.parts.status.peaks.numpy()
+        speeds = np.array([a.max_speed**2 for a in self.accounts])
+        if (speeds > peaks[:-1]).any():
+            peaks[:-1] = np.maximum(peaks[:-1], np.where(self.present, speeds, 0.0))
+            self.parts.status.peaks.assign(peaks)
+
+    def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:
+        """Lower the ground of a scene, as :meth:`runout.backends.protocol.Backend.lower`: a sort cuts it anew before the next step.
+
+        Scenes that share the ground share what is lowered.
+        """
+        ground = self.parts.scenes.scenes[scene].ground
+        assert ground is not None
+        assert self.parts.ground is not None
+        ground.lower(first, depth)
+        with self._on_device():
+            self.parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
+        self.since_sort = STEPS_PER_SORT
 
     def bytes_used(self) -> int:
         """Memory of the device arrays of the run [byte]."""
@@ -211,11 +252,12 @@ class Batch:
         shares = np.array([kept_share(*lengths) for lengths in zip(now, before, strict=True)])
         if shares.min() == 1.0:
             return
-        factor = np.repeat(shares, [a.particles for a in self.accounts])[:, None]
+        scenes, count = zip(*self.joined, strict=True)
+        factor = np.repeat(shares[list(scenes)], count)[:, None] if len(shares) > 1 else shares
         structures = self.parts.structures
         for held in (self.parts.store.forces, *([structures.forces] if structures else [])):
             forces = held.numpy()
-            forces[:, 1:] *= factor.astype(forces.dtype)
+            forces[: len(self.parts.store.identity), 1:] *= factor.astype(forces.dtype)
             held.assign(forces)
 
     def _require_stable(self, dt: Sequence[float], count: Sequence[int]) -> None:
@@ -340,6 +382,16 @@ class Batch:
             self.look_at([scene])
         return self.report.cached_columns[scene]
 
+    def node_columns_of(self, scene: int) -> NodeSums | None:
+        """Sums around nodes of the plan; None without particles."""
+        with self._on_device():
+            return readback.node_columns(self.parts, self.report, self.accounts, scene)
+
+    def plan_masses_of(self, scene: int, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Masses (releases, 2, nx, ny) of a scene by release around nodes of the plan."""
+        with self._on_device():
+            return readback.plan_masses(self.parts, self.accounts, scene, first, shape)
+
     def structure_impulses_of(self, scene: int) -> np.ndarray:
         """Impulse (patches, 3) [N s] of the mass on each patch of a scene's structures since the start; (0, 3) without any."""
         structures = self.parts.structures
@@ -377,10 +429,3 @@ def structures_of(
 def structured(scene: Scene) -> bool:
     """Whether a scene has structures."""
     return scene.structures is not None
-
-
-def reach_of(scenes: SceneArrays, largest: float) -> float:
-    """Distance [m] of a particle's centre beyond which it touches neither ground nor structures in any step."""
-    first = scenes.scenes[0]
-    band = float(scenes.number(first.contact_band * min(first.spacing)))
-    return largest + band + FARTHEST * max(first.spacing)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "active")  # of the index
 OF_NODES = ("grounded", "booked")
 OF_STRUCTURES = ("upper", "lower", "units", "forces", "grounded", "standing")
+BY_NUMBER = ("forces", "pore_left", "pore_excess")  # of the particles, as far as there are any
 BY_PARTICLE = ("radius", "release", "number", "key", "order")
 
 
@@ -40,8 +41,8 @@ def save(engine: "HashBackend") -> State:
     state |= {"homes": i.homes.numpy()[: int(status.tally.numpy()[HOMES])]}
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
-    state |= {"pore_left": s.pore_left.numpy(), "pore_excess": s.pore_excess.numpy()}
-    state |= {"forces": s.forces.numpy(), "step_counts": scenes.group.step_counts.numpy()}
+    state |= {name: getattr(s, name).numpy()[: len(s.identity)] for name in BY_NUMBER}
+    state |= {"step_counts": scenes.group.step_counts.numpy()}
     state |= {"peaks": status.peaks.numpy(), "tally": status.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
     if parts.structures is not None:
@@ -52,6 +53,8 @@ def save(engine: "HashBackend") -> State:
         "room": i.capacity,
         "entries": i.table.shape[0],
         "launched": i.launched,
+        "places": s.size,
+        "numbers": len(s.forces),
         "slots": n.slots,
         "reached": parts.structures.slots if parts.structures else 0,
     }
@@ -74,10 +77,8 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine.report.kept.assign(state["kept"])
         scenes.set_steps(np.array([engine.accounts[0].packed_dt]))
         parts.ground = ground_of(scenes, float(state["own.largest"]))
-        parts.structures = structures_of(
-            scenes, parts.k, engine.accounts, len(state["own.identity"]), float(state["own.largest"])
-        )  # fmt: skip
-        parts.store = _store(state, scenes.number)
+        parts.structures = structures_of(scenes, parts.k, engine.accounts, int(state["size.numbers"]), float(state["own.largest"]))
+        parts.store = _store(state, scenes.number, scenes.wet)
         parts.index = _index(parts, state)
         parts.make_nodes()
         n = parts.nodes
@@ -105,13 +106,16 @@ def _restore_structures(parts: Parts, state: State) -> None:
     s.note_shares(parts.k, parts.index)
 
 
-def _store(state: State, number: Any) -> Store:
-    rec = state["rec"]
-    store = Store(np.asarray(state["own.identity"]), number, rec.shape[1], len(state["pore_left"]) > 0)
-    _fill(store.pore_left, state["pore_left"])
-    _fill(store.pore_excess, state["pore_excess"])
-    _fill(store.forces, state["forces"])
-    store.rec.assign(np.ascontiguousarray(rec))
+def _store(state: State, number: Any, wet: bool) -> Store:
+    """A store with as many places as before, and room for as many numbers."""
+    rec, many = state["rec"], int(state["size.numbers"])
+    store = Store(np.zeros(many, np.int64), number, int(state["size.places"]), wet)
+    store.identity, store.n = np.asarray(state["own.identity"]), rec.shape[1]
+    store.put_releases = set(np.unique(state["store.release"]).tolist())
+    for name in BY_NUMBER:
+        _fill(getattr(store, name), state[name])
+    if rec.size:
+        wp.copy(store.rec[:, : store.n], wp.array(np.ascontiguousarray(rec), dtype=store.memory.dtype))
     for name in BY_PARTICLE:
         _fill(getattr(store, name), state[f"store.{name}"])
     return store

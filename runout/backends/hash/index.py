@@ -245,13 +245,23 @@ class Index:
         rows: int = 2**20,
     ):  # fmt: skip
         self.k, self.status, self.ordered, self.many, self.rows, self.largest = kernels, status, ordered, many, rows, largest
-        self.piece = LARGEST_PIECE if ordered else CELL_LANES * max(2, particles // (CELL_LANES * ALL_AT_WORK))
-        self.more_pieces = particles // self.piece
+        self._choose_pieces(particles)
         self.nown = self.nall = self.capacity = self.generation = self.launched = 0
         self.former: Any = None
         self.box: Any = None
         self.make_table(first_table(particles))
         self.make_room(0)
+
+    def _choose_pieces(self, particles: int) -> None:
+        self.piece = LARGEST_PIECE if self.ordered else CELL_LANES * max(2, particles // (CELL_LANES * ALL_AT_WORK))
+        self.more_pieces = particles // self.piece
+
+    def fit_pieces(self, particles: int) -> None:
+        """Pieces for so many places; a sort cuts them."""
+        self.generation += 1
+        self._choose_pieces(particles)
+        self.homes = wp.zeros((2 * self.capacity + self.more_pieces, 3), dtype=wp.int32)
+        self.block_group = filled(self.k.groups.BlockGroup, self)
 
     def make_table(self, entries: int) -> None:
         """An empty table."""

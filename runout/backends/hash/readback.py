@@ -16,7 +16,7 @@ from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_eac
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.hash.parts import Parts
-from runout.backends.protocol import LedgerRow, RasterSums
+from runout.backends.protocol import LedgerRow, NodeSums, RasterSums
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
 
@@ -166,6 +166,51 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
     sums = LaunchedSums(parts, accounts, windows).arrived()
     found = {n: columns_from(scenes[n], accounts[n], window, sums[n][1]) for n, window in windows.items()}
     return dict.fromkeys(bounds, footprints.nothing()) | found
+
+
+def node_columns(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> NodeSums | None:
+    """Sums around nodes of the plan over a window that holds all mass of a scene; None without any."""
+    bounds, s = bounds_of(parts, report, scene), parts.scenes.scenes[scene]
+    if bounds is None:
+        return None
+    cells = footprints.lattice_shape(s.raster, footprints.lattice_cell(s))[::-1]
+    (low, high), last = ([int(n) for n in end] for end in bounds), [n // 2 for n in cells]
+    first = [min(max(n, 0), end) for n, end in zip(low, last, strict=True)]
+    nx, ny = (max(min(n, end) - begin, 0) + 1 for n, end, begin in zip(high, last, first, strict=True))
+    require_index(5 * nx * ny, "sums around nodes")
+    window, units = wp.array(np.array([*first, nx, ny, scene, *cells], np.int32), dtype=wp.int32), _units(accounts[scene], s)
+    sums = wp.zeros(5 * nx * ny, dtype=wp.int64)
+    groups = parts.store.group, parts.index.block_group, parts.scenes.group
+    run(parts.k.add_around_nodes, parts.store.size, *groups, window, wp.array(units, dtype=wp.float64), sums)
+    numbers, columns = _brought_down(parts, sums).reshape(nx, ny, 5), np.empty((5, nx, ny))
+    for lane, (place, unit) in enumerate(zip(LANES, units[[0, 2, 2, 2, 1]], strict=True)):
+        np.multiply(numbers[..., place], 1.0 / unit, out=columns[lane])
+    return NodeSums((first[0], first[1]), columns)
+
+
+def _brought_down(parts: Parts, sums: wp.array) -> np.ndarray:
+    """Whole numbers on the host; they stay there until the next are brought."""
+    held = parts.buffers.lend(len(sums), sums.device.is_cuda)
+    wp.copy(held, sums, count=len(sums))
+    if sums.device.is_cuda:
+        wp.synchronize_event(wp.record_event())
+    parts.buffers.take_back(held)
+    return held.numpy()[: len(sums)]  # type: ignore[no-any-return]
+
+
+def plan_masses(
+    parts: Parts, accounts: Sequence[Account], scene: int, first: tuple[int, int], shape: tuple[int, int]
+) -> np.ndarray:
+    """Mass, and mass times pore pressure ratio, (releases, 2, nx, ny) of a scene by release around nodes of the plan."""
+    scenes = parts.scenes
+    begin, end = (int(n) for n in scenes.first_release[scene : scene + 2])
+    size = (end - begin) * 2 * shape[0] * shape[1]
+    require_index(size, "masses around nodes")
+    window = wp.array(np.array([*first, *shape, scene, begin, int(scenes.wet)], np.int32), dtype=wp.int32)
+    sums, scale = wp.zeros(size, dtype=wp.int64), WHOLE / max(accounts[scene].mass, 1e-30)
+    groups = parts.store.group, parts.index.block_group, scenes.group, parts.nodes.pore_group
+    run(parts.k.weigh_plan, parts.store.size, *groups, window, wp.float64(scale), sums)
+    return _brought_down(parts, sums).reshape(end - begin, 2, *shape) / scale  # type: ignore[no-any-return]
 
 
 def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:

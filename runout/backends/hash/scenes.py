@@ -24,6 +24,8 @@ from runout.backends.hash.zones import Zones
 from runout.errors import CapacityError
 from runout.model.scene import Scene
 
+FARTHEST = 1.75  # cells that a particle moves in a step at most, in any direction, before the run is called unstable
+
 
 class SceneArrays:
     """Scenes of a batch on the device of the scope.
@@ -114,3 +116,10 @@ class SceneArrays:
             for step, begin, end in zip(now, self.first_release[:-1], self.first_release[1:], strict=True):
                 first.law.set_step(self.table[begin:end], step)
             wp.copy(self.materials, wp.array(self.table, dtype=self.materials.dtype))
+
+
+def reach_of(scenes: SceneArrays, largest: float) -> float:
+    """Distance [m] of a particle's centre beyond which it touches neither ground nor structures in any step."""
+    first = scenes.scenes[0]
+    band = float(scenes.number(first.contact_band * min(first.spacing)))
+    return largest + band + FARTHEST * max(first.spacing)

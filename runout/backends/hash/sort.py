@@ -59,12 +59,17 @@ def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None])
     parts.store.sort(parts.k, parts.index, parts.nodes)
 
 
-def enqueue_again(parts: Parts, report: Report) -> None:
-    """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
+def keep(parts: Parts, report: Report) -> None:
+    """Launches that keep what has been booked by block, and where the blocks are, before a sort."""
     report.keep(parts)
     if parts.structures is not None:
         run(parts.k.carry_sums, len(parts.structures.upper), parts.structures.group)
     parts.index.keep_former()
+
+
+def enqueue_again(parts: Parts, report: Report) -> None:
+    """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
+    keep(parts, report)
     enqueue(parts, *present(parts))
 
 

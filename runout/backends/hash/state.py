@@ -50,29 +50,34 @@ class Store:
     Attributes
     ----------
     identity : (loaded,) int
-        Of the particles as they were loaded.
+        Of the particles as they were loaded, and of those that joined behind them.
     size, n : int
         Places; places that hold a particle or one that has gone since the last sort.
     memory : (ROWS + 1, size) or (ROWS + 1 + SPARE, size)
         Rows of the record and the radius. A sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1
         back, and the radius to the place at the other end; or all of them by ``spare`` places.
-    pore_left, pore_excess : (loaded,)
-        As in :class:`runout.backends.hash.groups.PoreGroup`; empty in a dry batch.
+    forces, pore_left, pore_excess : (loaded or more,)
+        As in :class:`runout.backends.hash.groups.PoreGroup`, by number; those of pores are empty in a dry batch.
     put_releases : set of int
         Releases of the particles.
     """
 
     def __init__(self, identity: np.ndarray, number: Any, size: int | None = None, wet: bool = False):
-        self.identity, self.size = identity, len(identity) if size is None else size
+        self.identity, self.wet = identity, wet
         self.put_releases: set[int] = set()
-        self.n = size = self.size
+        self.n = size = len(identity) if size is None else size
         self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
         self.pore_left, self.pore_excess = (wp.zeros(len(identity) * wet, dtype=number) for _ in range(2))
-        self.spare = SPARE if size < FEW else 0
-        self.memory = wp.zeros((ROWS + 1 + self.spare, max(size, 1)), dtype=number)  # warp takes no part of nothing
-        self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
-        self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
         self.struct = groups_of(number).ParticleGroup
+        self._make_places(size, number)
+        self.number.assign(np.arange(size, dtype=np.int32))
+
+    def _make_places(self, size: int, number: Any) -> None:
+        """Empty arrays of so many places."""
+        self.size, self.spare = size, SPARE if size < FEW else 0
+        self.memory = wp.zeros((ROWS + 1 + self.spare, max(size, 1)), dtype=number)  # warp takes no part of nothing
+        self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.zeros(size, dtype=wp.int32)
+        self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
         self._take_turn(0)
 
     @property
@@ -85,10 +90,12 @@ class Store:
         """Excess pore pressure at the start, and the part that remains, (loaded,) each; empty in a dry batch."""
         return self.pore_excess, self.pore_left
 
-    def put(self, part: slice, p: Particles, first_release: int, spacing: tuple[float, float, float], dtype: Any) -> None:
+    def put(
+        self, part: slice, p: Particles, first_release: int, spacing: tuple[float, float, float], dtype: Any, steps: int = 0
+    ) -> None:  # fmt: skip
         """Bring some particles to their places ``part`` on the device, their releases numbered from ``first_release`` on.
 
-        The records hold no stress yet (time step 0).
+        The records hold no stress yet (time step 0). Forces of the ground are those of the last of so many ``steps``.
         """
         release = p.release + first_release
         self.put_releases |= set(np.unique(release).tolist())
@@ -102,7 +109,36 @@ class Store:
             self.pore_left[part].assign(p.pore_left.astype(dtype))
             self.pore_excess[part].assign(p.pore_excess.astype(dtype))
         if p.ground_force.any():  # from which contact starts
-            self.forces[part].assign(np.column_stack([np.zeros(len(p)), p.ground_force]).astype(dtype))
+            self.forces[part].assign(np.column_stack([np.full(len(p), steps & STAMPS), p.ground_force]).astype(dtype))
+
+    def grow(self, places: int) -> None:
+        """Make so many places, and room for forces and pore pressure of as many numbers behind those that are taken."""
+        rec, radius, by_place, n = self.rec, self.radius, (self.release, self.number, self.key), self.n
+        self._make_places(places, self.memory.dtype)
+        numbers = len(self.identity) + places - n
+        self.forces = _longer(self.forces, numbers)
+        self.pore_left, self.pore_excess = (_longer(a, numbers * self.wet) for a in (self.pore_left, self.pore_excess))
+        if not n:
+            return
+        wp.copy(self.rec[:, :n], rec[:, :n])
+        wp.copy(self.radius[:n], radius[:n])
+        for mine, former in zip((self.release, self.number, self.key), by_place, strict=True):
+            wp.copy(mine, former, count=n)
+
+    def join(self, fresh: Store) -> None:
+        """Take the particles of another store behind the others, into places that are free; without cells."""
+        first, loaded, many = self.n, len(self.identity), fresh.size
+        self.n += many
+        places, numbers = slice(first, first + many), slice(loaded, loaded + many)
+        self.identity = np.concatenate([self.identity, fresh.identity])
+        self.put_releases |= fresh.put_releases
+        wp.copy(self.rec[:, places], fresh.rec)
+        wp.copy(self.radius[places], fresh.radius)
+        wp.copy(self.release[places], fresh.release)
+        self.number[places].assign(np.arange(loaded, loaded + many, dtype=np.int32))
+        for mine, new in zip((self.forces, *self.pores), (fresh.forces, *fresh.pores), strict=True):
+            if len(mine):
+                wp.copy(mine[numbers], new)
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
@@ -179,6 +215,14 @@ class Store:
             np.where(touched, forces[:, 1:], 0.0), excess, left, self.release[where].numpy().astype(np.int32),
             np.zeros(len(m), np.int64),
         )  # fmt: skip
+
+
+def _longer(array: Any, size: int) -> Any:
+    """An array with as many zeros behind the values of another as to have a size."""
+    longer = wp.zeros(size, dtype=array.dtype)
+    if len(array):
+        wp.copy(longer, array, count=len(array))
+    return longer
 
 
 def _values(p: Particles, spacing: tuple[float, float, float], place: int) -> np.ndarray:

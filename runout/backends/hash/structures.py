@@ -66,6 +66,21 @@ class Structures:
         self.forces = wp.zeros(particles, dtype=wp.types.vector(length=4, dtype=self.number))
         self.group = filled(self.types.StructureGroup, self)
 
+    def grow(self, particles: int) -> None:
+        """Room for the forces of so many particles; a new index has to follow."""
+        longer = wp.zeros(particles, dtype=self.forces.dtype)
+        if len(self.forces):
+            wp.copy(longer, self.forces, count=len(self.forces))
+        self.forces = longer
+        self.group = filled(self.types.StructureGroup, self)
+        self.generation += 1
+
+    def reach_farther(self, scenes: SceneArrays, reach: float) -> None:
+        """Take the parts of the fields that come within a larger ``reach`` [m]."""
+        self._take_fields(scenes.scenes, reach)
+        self.group = filled(self.types.StructureGroup, self)
+        self.generation += 1
+
     def _take_fields(self, scenes: Sequence[Scene], reach: float) -> None:
         found, kept, first_block, first_row = np.zeros((len(scenes), OF_FIELD), np.int32), [], 0, 0
         places: dict[int, tuple[int, int]] = {}  # first block and first patch of each field

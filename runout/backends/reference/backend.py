@@ -13,8 +13,15 @@ import numpy as np
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
 from runout.backends.loading import require_movable
-from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, layer_thicknesses, slow_columns
-from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
+from runout.backends.plan_areas import (
+    begun_impulses,
+    column_drags,
+    contact_areas,
+    layer_thicknesses,
+    slow_columns,
+    weighed_particles,
+)
+from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.contact import Contacts
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
@@ -88,11 +95,11 @@ class ReferenceBackend:
     def add(self, particles: Particles) -> None:
         """Add particles to those that are there; sums and counters go on."""
         require_movable(particles)
-        require_index_range(particles.node, self.scene.spacing)
+        both = self._p.joined(particles)
+        require_index_range(both.node, self.scene.spacing)
         more, volume = len(particles), particles.sums(self.scene.densities).mean_volume
         self.particle_volume = joined_mean(self.particle_volume, self.loaded, volume, more)
         self.loaded += more
-        both = self._p.joined(particles)
         self._p = both.take(np.argsort(both.identity, kind="stable"))
         if self.structures:
             self.structures.add(particles.identity)
@@ -202,6 +209,14 @@ class ReferenceBackend:
     def lattice_columns(self) -> RasterSums:
         """Sums over the cells of the lattice of footprints."""
         return footprints.lattice_columns(self.scene, self._p, self.particle_volume)
+
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan."""
+        return footprints.node_columns(self.scene, self._p)
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Masses (releases, 2, nx, ny) by release around nodes of the plan."""
+        return weighed_particles(self.scene, self._p, first, shape)
 
     def _drain(self, thickness: np.ndarray | None, dt: float) -> None:
         """Drain pore pressure over a substep, and note the shares (n,) of the normal stress that grains carry in its middle."""

@@ -13,7 +13,7 @@ import numpy as np
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.index import Index, require_box, require_held
 from runout.backends.scan.slots import CELLS, _spacious
-from runout.backends.scan.state import Store, capacity
+from runout.backends.scan.state import Store, capacity, ranges
 from runout.physics.blocks import block_of, local_index
 
 
@@ -30,7 +30,7 @@ def placed(store: Store, blocks: Blocks, node: np.ndarray, most: int) -> tuple[I
     gaining = np.flatnonzero(gains)
     held = b.held[gaining]
     require_held(held + gains[gaining], most)
-    listed = store.particles.order[_ranges(b.first[gaining], held)]
+    listed = store.particles.order[ranges(b.first[gaining], held)]
     listed = _make_room(store, b, gaining, gains[gaining], listed)
     of_gaining = np.searchsorted(gaining, own)
     joining = _free_slots(b, gaining, listed, of_gaining)
@@ -59,11 +59,6 @@ def _with_blocks(old: Blocks, wanted: np.ndarray) -> tuple[Index, np.ndarray]:
     return index, number[which[n:]]
 
 
-def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Numbers first, first + 1, ... of ranges of ``count`` (n,), one behind the other."""
-    return np.repeat(first - (np.cumsum(count) - count), count) + np.arange(int(count.sum()))
-
-
 def _make_room(store: Store, b: Blocks, gaining: np.ndarray, gains: np.ndarray, listed: np.ndarray) -> np.ndarray:
     """Move the particles of blocks whose range is too short for so many more to ranges at the end; returns where all lie then."""
     held, short = b.held[gaining], b.held[gaining] + gains > b.capacity[gaining]
@@ -75,7 +70,7 @@ def _make_room(store: Store, b: Blocks, gaining: np.ndarray, gains: np.ndarray, 
         store.leave_hole(first, slots)
     b.first[moving], b.capacity[moving], store.end = begin, size, end
     there, listed = np.repeat(short, held), listed.copy()
-    source, target = listed[there], _ranges(begin, held[short]).astype(np.int32)
+    source, target = listed[there], ranges(begin, held[short]).astype(np.int32)
     store.move(source, target)
     listed[there] = target
     return listed
@@ -101,4 +96,4 @@ def _list_anew(store: Store, b: Blocks, gaining: np.ndarray, slots: np.ndarray, 
     count = np.bincount(keys, minlength=CELLS * len(gaining)).reshape(-1, CELLS)
     b.starts[gaining, 1:] = count.cumsum(axis=1)
     b.held[gaining] = held = count.sum(axis=1)
-    store.particles.order[_ranges(b.first[gaining], held)] = slots[np.argsort(keys, kind="stable")]
+    store.particles.order[ranges(b.first[gaining], held)] = slots[np.argsort(keys, kind="stable")]

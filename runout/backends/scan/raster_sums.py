@@ -19,12 +19,14 @@ import numpy as np
 from numba import prange
 
 from runout.backends import footprints
+from runout.backends.compile import array_binding
 from runout.backends.lanes import constant, in_double, load4, permutation_of_two, prefetch, store
-from runout.backends.protocol import RasterSums
+from runout.backends.plan_areas import weighed
+from runout.backends.protocol import NodeSums, RasterSums
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.observe import _node_of
-from runout.backends.scan.state import Store
+from runout.backends.scan.state import Store, ranges
 from runout.backends.scan.stencil import AHEAD, _add_products
 from runout.model.scene import Scene
 from runout.physics.moments import affine_at
@@ -53,15 +55,46 @@ class Summed:
 
     def on_lattice(self) -> RasterSums:
         """Sums over a window of the lattice that holds all mass, of particles with footprints."""
+        found = self._on_cells()
+        if found is None:
+            return footprints.nothing()
+        sums, lattice, density = found
+        return footprints.spread(sums, lattice, self.scene.raster, self.tables.particle_volume, density)
+
+    def around_nodes(self) -> NodeSums | None:
+        """Sums around nodes of the plan; None without particles."""
+        found = self._on_cells()
+        return footprints.around_nodes(*found[:2], self.scene.raster, found[2]) if found else None
+
+    def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Mass, and mass times pore pressure ratio, (releases, 2, nx, ny) by release around nodes of the plan."""
+        b, p, corner = self.blocks, self.store.particles, self.tables.constants.corner
+        held = b.held[: b.nown]
+        slot = p.order[ranges(b.first[: b.nown], held)]
+        cell, rec, index = p.cell[slot].astype(np.int64), p.rec[slot], p.particle_index[slot]
+        block = corner[:2] + 4 * b.bxyz[: b.nown, :2].astype(np.int64)
+        east, north = (
+            np.repeat(block[:, d], held) + ((cell >> (4 - 2 * d)) & 3) + np.rint(rec[:, 4 + 4 * d]).astype(np.int64) for d in (0, 1)
+        )
+        release, ratio = p.label[index, 0], np.zeros(len(slot))
+        left, excess = self.store.pore_left, self.store.pore_excess
+        if left is not None and excess is not None:
+            table = self.scene.pore_table().view(np.recarray)[release]
+            excess = excess[index] if len(excess) > 1 else excess
+            ratio = array_binding().pore_pressure.pore_ratio(excess.astype(float), left[index].astype(float), table)
+        return weighed((east, north), rec[:, 0].astype(float), release, ratio, len(self.scene.materials), first, shape)
+
+    def _on_cells(self) -> tuple[np.ndarray, footprints.Lattice, float] | None:
+        """Sums (lanes, rows, columns) on the cells of a window of the lattice, the window, and the density if all have one."""
         extent, density = self._extent(), self.tables.constants.density
         if extent is None:
-            return footprints.nothing()
+            return None
         lattice = footprints.Lattice.around(self.scene, *extent)
         (columns, rows), several = lattice.shape, len(density) > 1
         nodes, sums = np.zeros((rows + 1, columns + 1, 4 + 4 * several)), np.empty((4 + several, rows, columns))
         self._add(np.array(lattice.first), nodes)
         self.k.add_nodes_to_cells(nodes, density, sums)
-        return footprints.spread(sums, lattice, self.scene.raster, self.tables.particle_volume, float(density[0]))
+        return sums, lattice, float(density[0])
 
     def _extent(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Lowest and highest node (2,) in plan that the particles cover; None without particles."""

@@ -31,6 +31,11 @@ BY_SLOT: dict[str, tuple[int, Any]] = {  # arrays of slots: numbers a slot, and 
 SELDOM = 20  # steps: gaps are not closed more often, unless that takes a fifth more slots
 
 
+def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Numbers first, first + 1, ... of ranges of ``count`` (n,), one behind the other."""
+    return np.repeat(first - (np.cumsum(count) - count), count) + np.arange(int(count.sum()))  # type: ignore[no-any-return]
+
+
 def reserve(slots: int) -> int:
     """Free slots that a step may need for blocks that overflow."""
     return slots // 128 + 256
