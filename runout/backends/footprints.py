@@ -23,7 +23,7 @@ import numpy as np
 
 from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding, threads_at_most
-from runout.backends.protocol import BoxSums, RasterSums
+from runout.backends.protocol import BoxSums, NodeSums, RasterSums
 from runout.model.depth_resolution import SHARING as FEWEST
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -136,10 +136,15 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     )
 
 
-def boxes_on(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> BoxSums:
-    """The boxes of :func:`spread` alone, before they are spread."""
-    row, column, boxes = _inside(sums, lattice.first, lattice_shape(raster, lattice.cell))
-    return BoxSums(boxes, row, column, density)
+def around_nodes(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> NodeSums:
+    """Sums around the nodes of the grid, from those of :func:`spread`: a node has the two cells on either side along each axis."""
+    row, column, values = _inside(sums, lattice.first, lattice_shape(raster, lattice.cell))
+    boxes = BoxSums(values, row, column, density)
+    lanes = np.concatenate([boxes.sums[:4], boxes.mass[None]]).transpose(0, 2, 1)  # east, north
+    odd = [place % 2 == 0 for place in (column, row)]  # a node begins with an odd cell
+    lanes = np.pad(lanes, ((0, 0), *((int(o), int((n + o) % 2)) for o, n in zip(odd, lanes.shape[1:], strict=True))))
+    summed = lanes[:, ::2, ::2] + lanes[:, 1::2, ::2] + lanes[:, ::2, 1::2] + lanes[:, 1::2, 1::2]
+    return NodeSums(((column + 1) // 2, (row + 1) // 2), summed)
 
 
 def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
@@ -198,12 +203,12 @@ def lattice_columns(scene: Scene, particles: Particles, particle_volume: float) 
     return spread(_box_sums(scene, particles, lattice), lattice, scene.raster, particle_volume)
 
 
-def box_columns(scene: Scene, particles: Particles) -> BoxSums | None:
-    """The boxes of :func:`lattice_columns` alone; None without particles."""
+def node_columns(scene: Scene, particles: Particles) -> NodeSums | None:
+    """Sums around the nodes that the particles reach, in plain NumPy; None without particles."""
     if not len(particles):
         return None
     lattice = _lattice_of(scene, particles)
-    return boxes_on(_box_sums(scene, particles, lattice), lattice, scene.raster)
+    return around_nodes(_box_sums(scene, particles, lattice), lattice, scene.raster)
 
 
 def _lattice_of(scene: Scene, particles: Particles) -> Lattice:

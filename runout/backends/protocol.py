@@ -72,6 +72,14 @@ class BoxSums:
 
 
 @dataclass
+class NodeSums:
+    """Sums over particles, each a box of one grid cell in plan, around nodes of the plan: half a cell to either side."""
+
+    first: tuple[int, int]  # first node, east and north
+    sums: np.ndarray  # (5, nx, ny): volume [m3], momentum (3) [kg m/s], mass [kg]
+
+
+@dataclass
 class RasterSums:
     """Sums over the particles above each cell of the raster or of a window of it (rows, columns)."""
 
@@ -199,8 +207,8 @@ class WindowBackend(Protocol):
     def lattice_columns(self) -> RasterSums:
         """The same sums over a window of the lattice of :mod:`runout.backends.footprints`; its row 0 is the southernmost."""
 
-    def box_columns(self) -> BoxSums | None:
-        """``boxes`` of :meth:`lattice_columns` alone, in half of the time; None without particles."""
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan, without the smoothing of footprints; None without particles."""
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Mass [kg], and mass times pore pressure ratio, (releases, 2, nx, ny) by release around nodes of the plan.
@@ -265,8 +273,8 @@ class SceneBatch(Protocol):
     def lattice_columns_of(self, s: int, /) -> RasterSums:
         """As :meth:`WindowBackend.lattice_columns`."""
 
-    def box_columns_of(self, s: int, /) -> BoxSums | None:
-        """As :meth:`WindowBackend.box_columns`."""
+    def node_columns_of(self, s: int, /) -> NodeSums | None:
+        """As :meth:`WindowBackend.node_columns`."""
 
     def plan_masses_of(self, s: int, first: tuple[int, int], shape: tuple[int, int], /) -> np.ndarray:
         """As :meth:`WindowBackend.plan_masses`."""

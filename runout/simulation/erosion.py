@@ -36,7 +36,7 @@ from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.quantities import bed_map_names
 from runout.release import stagger
-from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, births, rounding_of
+from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundSlopes, births, rounding_of
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
@@ -79,6 +79,8 @@ class ErodingBed:
     ----------
     first : tuple of int
         First node of the window of nodes with a bed.
+    there : ndarray (nx, ny)
+        Vertical depth [m] of the bed at its nodes at the start.
     eroded, owed, sunk : ndarray (nx, ny)
         Vertical depth [m] that is eroded; that part of it of which no particle is born yet, less than nothing where particles came
         early; and by which the ground was lowered when particles were born last.
@@ -92,6 +94,8 @@ class ErodingBed:
         assert scene.ground is not None
         self.ground: NodalSurface = scene.ground.with_room(self.first, shape)
         self.scene = replace(scene, surface=self.ground)
+        self.slopes = GroundSlopes(self.ground, self.first, shape)
+        self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
         self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
         self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
@@ -125,8 +129,8 @@ class ErodingBed:
     def update(self, engine: Backend, time: float) -> None:
         """Erode the bed up to a ``time`` [s]; if births are due, particles join the backend."""
         lasting, self.time = time - self.time, time
-        boxes = engine.box_columns() if isinstance(engine, WindowBackend) else None
-        columns = Columns.of(boxes).window(self.first, self.owed.shape) if boxes is not None else None
+        found = engine.node_columns() if isinstance(engine, WindowBackend) else None
+        columns = Columns.of(found).window(self.first, self.owed.shape) if found is not None else None
         fastest = 0.0
         if columns is not None:
             fastest = self._erode(engine, columns, lasting)
@@ -141,13 +145,13 @@ class ErodingBed:
         """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""
         part_of = self._part(columns)
         owed, eroded = self.owed[part_of], self.eroded[part_of]
-        left = self.depth.on_nodes(columns.first, owed.shape, self.scene.spacing) - eroded
-        speed = columns.speed
+        left, speed = self.there[part_of] - eroded, columns.speed
         i, j = np.nonzero((left > 0.0) & (speed >= MOVING))
         if not len(i):
             return 0.0
         rates, density = np.zeros(len(i)), columns.mass[i, j] / columns.volume[i, j]
-        slopes, covered = self._slopes_at(columns.first, i, j), covered_shares(columns.mass)[i, j]
+        slopes = self.slopes.at(i + part_of[0].start, j + part_of[1].start)
+        covered = covered_shares(columns.mass)[i, j]
         thickness = columns.volume[i, j] / (self.area * covered)
         flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine, columns)[i, j]])
         basal = np.zeros(len(i), self.scene.basal.table().dtype)
@@ -182,12 +186,6 @@ class ErodingBed:
         mass, wet = engine.plan_masses(columns.first, (shape[0], shape[1])).sum(axis=0)
         return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0)
 
-    def _slopes_at(self, first: tuple[int, int], i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Slopes (n, 2) [1] of the ground at nodes ``i``, ``j`` (n,) from ``first`` on."""
-        dx, dy, _ = self.scene.spacing
-        _, east, north = self.ground.evaluate((first[0] + i) * dx, (first[1] + j) * dy)
-        return np.column_stack([east, north])
-
     def _part(self, columns: Columns) -> tuple[slice, slice]:
         """Part of the window of the bed where columns lie."""
         begin = [a - b for a, b in zip(columns.first, self.first, strict=True)]
@@ -204,7 +202,7 @@ class ErodingBed:
         owed, releases, densities = self.owed[part_of], self.releases[part_of], self.scene.densities
         mass = (densities * self.volume).astype(self.scene.dtype).astype(np.float64)  # of a particle of each release
         takes = (mass / (self.bed.density or densities) / self.area)[releases]  # [m] of the bed
-        left = self.depth.on_nodes(first, owed.shape, self.scene.spacing) - self.eroded[part_of]
+        left = self.there[part_of] - self.eroded[part_of]
         rounding, count = rounding_of(first, owed.shape), np.zeros(owed.shape, np.int64)
         for size in POOL_WIDTHS[:1] if late > 0.0 else POOL_WIDTHS:
             more, given = births(owed, left, takes, rounding if late > 0.0 else np.zeros(owed.shape), late, size)
@@ -230,6 +228,7 @@ class ErodingBed:
         changed = slice(west, east), slice(south, north)
         depth = self.eroded[changed] - self.sunk[changed]
         engine.lower((self.first[0] + west, self.first[1] + south), depth)
+        self.slopes.forget(*changed)
         self.sunk[changed] = self.eroded[changed]
         self.changed = NOTHING.copy()
 
@@ -294,7 +293,7 @@ class ErodingBed:
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""
-        return arrays_of(self, ("volume", "radius", "particles")) | arrays_of(self.booked, (), "booked.")
+        return arrays_of(self, ("volume", "radius", "particles", "there")) | arrays_of(self.booked, (), "booked.")
 
     def restore(self, state: State) -> None:
         """Continue from :meth:`state`; the ground is lowered as it was."""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runout.backends.protocol import BoxSums
+from runout.backends.protocol import NodeSums
+from runout.model.nodal_surface import NodalSurface
 from runout.model.scene import Raster, Scene
 
 PLASTIC = 0.7548776662466927, 0.5698402909980532  # steps of a sequence of low discrepancy in the plane (Roberts 2018)
@@ -32,13 +33,9 @@ class Columns:
     momentum: np.ndarray
 
     @classmethod
-    def of(cls, boxes: BoxSums) -> "Columns":
-        """From sums on the lattice of half cells: a node has the two cells on either side along each axis."""
-        lanes = np.concatenate([boxes.sums[:4], boxes.mass[None]]).transpose(0, 2, 1)  # east, north
-        odd = [place % 2 == 0 for place in (boxes.column, boxes.row)]  # a node begins with an odd cell
-        lanes = np.pad(lanes, ((0, 0), *((int(o), int((n + o) % 2)) for o, n in zip(odd, lanes.shape[1:], strict=True))))
-        summed = lanes[:, ::2, ::2] + lanes[:, 1::2, ::2] + lanes[:, ::2, 1::2] + lanes[:, 1::2, 1::2]
-        return cls(((boxes.column + 1) // 2, (boxes.row + 1) // 2), summed[0], summed[4], summed[1:4])
+    def of(cls, found: NodeSums) -> "Columns":
+        """From sums of a backend."""
+        return cls(found.first, found.sums[0], found.sums[4], found.sums[1:4])
 
     @property
     def speed(self) -> np.ndarray:
@@ -61,6 +58,34 @@ class Columns:
             return None
         own = tuple(slice(a - start, b - start) for a, b, start in zip(low, high, self.first, strict=True))
         return Columns((low[0], low[1]), self.volume[own], self.mass[own], self.momentum[:, *own])
+
+
+class GroundSlopes:
+    """Slopes of the ground at the nodes of a window, found where they are asked for and kept until the ground changes there.
+
+    Parameters
+    ----------
+    ground : NodalSurface
+    first, shape : tuple of int
+        First node and number of nodes.
+    """
+
+    def __init__(self, ground: NodalSurface, first: tuple[int, int], shape: tuple[int, int]):
+        self.ground, self.first = ground, first
+        self.known = np.full((*shape, 2), np.nan)
+
+    def at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """Slopes (n, 2) [1] east and north at nodes ``i``, ``j`` (n,) of the window."""
+        new = np.isnan(self.known[i, j, 0])
+        a, b = i[new], j[new]
+        dx, dy = self.ground.spacing
+        _, east, north = self.ground.evaluate((self.first[0] + a) * dx, (self.first[1] + b) * dy)
+        self.known[a, b] = np.column_stack([east, north])
+        return self.known[i, j]  # type: ignore[no-any-return]
+
+    def forget(self, along: slice, across: slice) -> None:
+        """The ground of a part of the window changes, and with it the slopes one node around."""
+        self.known[max(along.start - 1, 0) : along.stop + 1, max(across.start - 1, 0) : across.stop + 1] = np.nan
 
 
 def _pooled(values: np.ndarray, size: int) -> np.ndarray:

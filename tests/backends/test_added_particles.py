@@ -326,3 +326,24 @@ def test_masses_around_nodes_are_those_of_the_particles(name, case):
     assert 0.0 < expected[:, 0].sum() < p.mass.sum()
     assert (expected[0, 1] > 0.0).any() == (case == "wet")
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+@EACH
+def test_columns_around_nodes_take_boxes_of_a_cell(name):
+    """Half a cell to either side; two materials; what reaches beyond the raster counts at its edge."""
+    a_scene, substeps = scene_of("two materials")
+    early, late = mass((20.0, 0.4, 0.0), speed=1.0), both_of("two materials")[1]
+    engine = running(engine_of(name), a_scene, early.joined(late), 5, substeps)
+    found, p = engine.node_columns(), engine.particles()
+    x = p.position(np.ones(3))
+    expected, volume = np.zeros_like(found.sums), p.mass / a_scene.densities[p.release]
+    values = np.stack([volume, *(p.mass * p.velocity.T), p.mass])
+    for one, place in zip(values.T, x, strict=True):
+        for i in (0, 1):
+            for j in (0, 1):
+                a, b = int(np.floor(place[0])) + i, int(np.floor(place[1])) + j
+                share = (1.0 - abs(place[0] - a)) * (1.0 - abs(place[1] - b))
+                expected[:, abs(a) - found.first[0], abs(b) - found.first[1]] += share * one
+    assert x[:, 1].min() < 0.5
+    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(found.sums / scale, expected / scale, rtol=0, atol=1e-12)

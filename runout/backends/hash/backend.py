@@ -12,7 +12,7 @@ from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, layers_of, room_for
 from runout.backends.hash.limits import largest_blocks, require_particles, room_within
 from runout.backends.hash.structures import bytes_of_structures
-from runout.backends.protocol import INDEXES, BoxSums, Counters, LedgerRow, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
@@ -107,9 +107,9 @@ class HashBackend(Batch):
         """The same on the lattice of footprints."""
         return self.lattice_columns_of(0)
 
-    def box_columns(self) -> BoxSums | None:
-        """The boxes of these columns alone."""
-        return self.box_columns_of(0)
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan."""
+        return self.node_columns_of(0)
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) by release around nodes of the plan."""

@@ -28,7 +28,7 @@ from runout.backends.hash.scenes import SceneArrays, reach_of
 from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
 from runout.backends.loading import fastest
-from runout.backends.protocol import BoxSums, Counters, LedgerRow, RasterSums
+from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums
 from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -382,12 +382,10 @@ class Batch:
             self.look_at([scene])
         return self.report.cached_columns[scene]
 
-    def box_columns_of(self, scene: int) -> BoxSums | None:
-        """The boxes of these columns alone; None without particles."""
-        if scene in self.report.cached_columns:
-            return self.report.cached_columns[scene].boxes
+    def node_columns_of(self, scene: int) -> NodeSums | None:
+        """Sums around nodes of the plan; None without particles."""
         with self._on_device():
-            return readback.boxes(self.parts, self.report, self.accounts, scene)
+            return readback.node_columns(self.parts, self.report, self.accounts, scene)
 
     def plan_masses_of(self, scene: int, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) of a scene by release around nodes of the plan."""

@@ -29,6 +29,7 @@ from runout.backends.hash.layout import (
     NEXT,
     OFFSET,
     VOLUME,
+    Doubles,
     Doubles2,
     Ints,
     Longs,
@@ -348,3 +349,40 @@ def weigh_plan(
         n = particles.number[p]
         ratio = pore_ratio(pores.excess[n], pores.left[n], pores.records[release])
         wp.atomic_add(sums, o + nodes, wp.int64(wp.round(m * wp.float64(ratio))))
+
+
+def _folded(n: int, cells: int):
+    """A node inside of the raster, which has so many half cells: those beyond an edge are mirrored at it."""
+    inside = wp.abs(n)
+    return wp.where(2 * inside > cells, cells - inside, inside)
+
+
+def add_around_nodes(
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, window: Ints, units: Doubles, sums: Longs
+):  # fmt: skip
+    """Add each particle of a scene, a plan box of one grid cell, to the nodes (nx x ny x 5) half a cell around which it covers.
+
+    ``window``: first node east and north, nodes east and north, scene, half cells of its raster east and north. The sums of volume,
+    mass and momentum are whole numbers, ``units`` to one of each.
+    """
+    p = wp.tid()
+    k = particles.key[p]
+    if k < 0 or blocks.member[wp.max(k, 0) >> 6] != window[4]:
+        return
+    place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[window[4]])
+    x = int(wp.floor(place[0]))
+    y = int(wp.floor(place[1]))
+    east = place[0] - wp.float64(x)
+    north = place[1] - wp.float64(y)
+    m = wp.float64(particles.rec[MASS, p])
+    volume = m / scenes.density[int(particles.release[p])] * units[0]
+    for q in range(4):
+        i = wp.clamp(_folded(x + (q >> 1), window[5]) - window[0], 0, window[2] - 1)
+        j = wp.clamp(_folded(y + (q & 1), window[6]) - window[1], 0, window[3] - 1)
+        share = wp.where((q >> 1) == 1, east, wp.float64(1.0) - east) * wp.where((q & 1) == 1, north, wp.float64(1.0) - north)
+        added = whole5()
+        added[0] = wp.int64(wp.round(share * volume))
+        added[1] = wp.int64(wp.round(share * m * units[1]))
+        for d in range(3):
+            added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * units[2]))
+        add_wholes(sums, (i * window[3] + j) * 5, added)

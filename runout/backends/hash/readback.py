@@ -16,7 +16,7 @@ from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_eac
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.hash.parts import Parts
-from runout.backends.protocol import BoxSums, LedgerRow, RasterSums
+from runout.backends.protocol import LedgerRow, NodeSums, RasterSums
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
 
@@ -168,14 +168,34 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
     return dict.fromkeys(bounds, footprints.nothing()) | found
 
 
-def boxes(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> BoxSums | None:
-    """Sums of boxes over a window of the lattice that holds all mass of a scene; None without any."""
+def node_columns(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> NodeSums | None:
+    """Sums around nodes of the plan over a window that holds all mass of a scene; None without any."""
     bounds, s = bounds_of(parts, report, scene), parts.scenes.scenes[scene]
     if bounds is None:
         return None
-    window = footprints.Lattice.around(s, *bounds)
-    sums = LaunchedSums(parts, accounts, {scene: window}).arrived()[scene][1]
-    return footprints.boxes_on(_lanes(sums), window, s.raster)
+    cells = footprints.lattice_shape(s.raster, footprints.lattice_cell(s))[::-1]
+    (low, high), last = ([int(n) for n in end] for end in bounds), [n // 2 for n in cells]
+    first = [min(max(n, 0), end) for n, end in zip(low, last, strict=True)]
+    nx, ny = (max(min(n, end) - begin, 0) + 1 for n, end, begin in zip(high, last, first, strict=True))
+    require_index(5 * nx * ny, "sums around nodes")
+    window, units = wp.array(np.array([*first, nx, ny, scene, *cells], np.int32), dtype=wp.int32), _units(accounts[scene], s)
+    sums = wp.zeros(5 * nx * ny, dtype=wp.int64)
+    groups = parts.store.group, parts.index.block_group, parts.scenes.group
+    run(parts.k.add_around_nodes, parts.store.size, *groups, window, wp.array(units, dtype=wp.float64), sums)
+    numbers, columns = _brought_down(parts, sums).reshape(nx, ny, 5), np.empty((5, nx, ny))
+    for lane, (place, unit) in enumerate(zip(LANES, units[[0, 2, 2, 2, 1]], strict=True)):
+        np.multiply(numbers[..., place], 1.0 / unit, out=columns[lane])
+    return NodeSums((first[0], first[1]), columns)
+
+
+def _brought_down(parts: Parts, sums: wp.array) -> np.ndarray:
+    """Whole numbers on the host; they stay there until the next are brought."""
+    held = parts.buffers.lend(len(sums), sums.device.is_cuda)
+    wp.copy(held, sums, count=len(sums))
+    if sums.device.is_cuda:
+        wp.synchronize_event(wp.record_event())
+    parts.buffers.take_back(held)
+    return held.numpy()[: len(sums)]  # type: ignore[no-any-return]
 
 
 def plan_masses(
@@ -190,7 +210,7 @@ def plan_masses(
     sums, scale = wp.zeros(size, dtype=wp.int64), WHOLE / max(accounts[scene].mass, 1e-30)
     groups = parts.store.group, parts.index.block_group, scenes.group, parts.nodes.pore_group
     run(parts.k.weigh_plan, parts.store.size, *groups, window, wp.float64(scale), sums)
-    return sums.numpy().reshape(end - begin, 2, *shape) / scale  # type: ignore[no-any-return]
+    return _brought_down(parts, sums).reshape(end - begin, 2, *shape) / scale  # type: ignore[no-any-return]
 
 
 def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:
@@ -204,12 +224,8 @@ def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Boun
 
 def columns_from(s: Scene, account: Account, lattice: footprints.Lattice, sums: np.ndarray) -> RasterSums:
     """Columns over a window of the lattice from sums (rows, columns, 5) over it."""
-    return footprints.spread(_lanes(sums), lattice, s.raster, account.particle_volume)
-
-
-def _lanes(sums: np.ndarray) -> np.ndarray:
-    """Volume, momentum (3) and mass (5, rows, columns) of sums (rows, columns, 5)."""
-    return np.ascontiguousarray(np.moveaxis(sums[..., LANES], -1, 0))
+    lanes = np.ascontiguousarray(np.moveaxis(sums[..., LANES], -1, 0))
+    return footprints.spread(lanes, lattice, s.raster, account.particle_volume)
 
 
 class LaunchedSums:

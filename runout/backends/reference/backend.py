@@ -21,7 +21,7 @@ from runout.backends.plan_areas import (
     slow_columns,
     weighed_particles,
 )
-from runout.backends.protocol import BoxSums, Counters, LedgerRow, RasterSums, box_blocks
+from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.contact import Contacts
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
@@ -210,9 +210,9 @@ class ReferenceBackend:
         """Sums over the cells of the lattice of footprints."""
         return footprints.lattice_columns(self.scene, self._p, self.particle_volume)
 
-    def box_columns(self) -> BoxSums | None:
-        """Sums over boxes on the lattice of footprints."""
-        return footprints.box_columns(self.scene, self._p)
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan."""
+        return footprints.node_columns(self.scene, self._p)
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) by release around nodes of the plan."""

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.loading import surveyed
-from runout.backends.protocol import INDEXES, BoxSums, Counters, LedgerRow, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles
 from runout.backends.scan.addition import placed
 from runout.backends.scan.constants import Tables
@@ -440,9 +440,9 @@ class ScanBackend:
         """The same over the cells of the lattice of footprints."""
         return self._summed().on_lattice()
 
-    def box_columns(self) -> BoxSums | None:
-        """The boxes of these columns alone."""
-        return self._summed().boxes()
+    def node_columns(self) -> NodeSums | None:
+        """Sums around nodes of the plan."""
+        return self._summed().around_nodes()
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) by release around nodes of the plan."""

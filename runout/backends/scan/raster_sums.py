@@ -22,7 +22,7 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding
 from runout.backends.lanes import constant, in_double, load4, permutation_of_two, prefetch, store
 from runout.backends.plan_areas import weighed
-from runout.backends.protocol import BoxSums, RasterSums
+from runout.backends.protocol import NodeSums, RasterSums
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.observe import _node_of
@@ -61,10 +61,10 @@ class Summed:
         sums, lattice, density = found
         return footprints.spread(sums, lattice, self.scene.raster, self.tables.particle_volume, density)
 
-    def boxes(self) -> BoxSums | None:
-        """Sums of boxes of a grid cell over the same window; None without particles."""
+    def around_nodes(self) -> NodeSums | None:
+        """Sums around nodes of the plan; None without particles."""
         found = self._on_cells()
-        return footprints.boxes_on(*found[:2], self.scene.raster, found[2]) if found else None
+        return footprints.around_nodes(*found[:2], self.scene.raster, found[2]) if found else None
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Mass, and mass times pore pressure ratio, (releases, 2, nx, ny) by release around nodes of the plan."""
