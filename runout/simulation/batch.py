@@ -179,9 +179,9 @@ def _copied(state: State) -> State:
 
 def _require_no_inflow(inflows: Sequence[Inflow]) -> None:
     """Raise ConfigError for an inflow, which no scene of a launch takes."""
-    for one in inflows:
+    if inflows:
         alone = 'simulate it alone, with runout.simulate(backend="hash")'
-        raise ConfigError(f"inflow {one.name}: scenarios that share launches have no inflow; {alone}")
+        raise ConfigError(f"inflow {inflows[0].name}: scenarios that share launches have no inflow; {alone}")
 
 
 class _Launch:

@@ -13,6 +13,7 @@ from runout.backends.protocol import BACKENDS, get_backend
 from runout.errors import ConfigError, ReleaseError
 from runout.model.numerics import Numerics
 from runout.release import inlet
+from runout.simulation.batch import simulate_batch
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.inflow import source_of
 from runout.simulation.scenario import build_scene
@@ -282,3 +283,11 @@ def test_neither_release_nor_inflow_is_refused():
 def test_accuracy_takes_the_thickness_at_the_line():
     result = run(flood(), end_time=0.6, cell_size=None, accuracy="screening")
     assert max(result.spacing) <= inlet.mass_at(flood()).thickness.max()
+
+
+def test_scenarios_that_share_launches_have_no_inflow():
+    choices = {"end_time": 1.0, "cell_size": CELL, "basal_friction_angle": 20.0}
+    scenario = {"terrain": TERRAIN, "release": [slab()], "material": SOIL, "inflow": flood(), **choices}
+    ((_, error),) = simulate_batch([scenario], device="cpu")
+    assert isinstance(error, ConfigError)
+    assert "inflow inflow: scenarios that share launches have no inflow; simulate it alone" in str(error)
