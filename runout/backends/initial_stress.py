@@ -86,6 +86,15 @@ def launched_by(scene: Scene, releases: list[Release]) -> Launch | None:
     return launch
 
 
+def energy_at_start(particles: Particles, scene: Scene) -> float:
+    """Kinetic, potential and elastic energy [J] of particles without an affine motion."""
+    stored, moduli = np.zeros(len(particles)), np.array([(m.lame_lambda, m.shear_modulus) for m in scene.materials], np.float64)
+    loops().store_energy(np.ascontiguousarray(particles.strain, np.float64), particles.release, moduli, stored)
+    height = particles.position(np.array(scene.spacing)) @ np.array(scene.gravity)
+    kinetic = 0.5 * particles.mass @ (particles.velocity**2).sum(axis=1)
+    return float(kinetic - particles.mass @ height + particles.volume @ stored)
+
+
 def effective_shares(scene: Scene, particles: Particles, number: int) -> np.ndarray | None:
     """Shares (n,) [1] of the normal stress that the grains of particles of release ``number`` carry; None if it is dry."""
     if not scene.is_wet or scene.pore_pressure[number] is None:

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from runout.model.nodal_surface import TILE, WIDTH
-from runout.physics.elastic import is_small, strain_of_log, strain_series
+from runout.physics.elastic import energy_density, is_small, log_strain, strain_of_log, strain_series
 from runout.physics.geostatic import strain_at_rest
 from runout.physics.heightfield import surface_at
 from runout.physics.pore_pressure import effective_friction, total_lateral_ratio
-from runout.physics.tensors import contracted, scaled
+from runout.physics.tensors import contracted, scaled, sym
 
 ROWS = 8  # of ``room``
 
@@ -176,3 +176,10 @@ def press_wet_mass(depth, east, north, friction, effective, unit_weight, slope, 
         B = strain_of_log(h)
         for k in range(6):
             strain[p, k] = B[k]
+
+
+def store_energy(strain, release, moduli, stored):
+    """Set the energy ``stored`` (n,) [J/m3] in elastic strains B (n, 6) [1] by Lame's moduli (releases, 2) [Pa]."""
+    for p in range(len(strain)):
+        B, own = strain[p], moduli[release[p]]
+        stored[p] = energy_density(log_strain(sym(B[0], B[1], B[2], B[3], B[4], B[5])), Elasticity(own[0], own[1]))

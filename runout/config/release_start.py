@@ -77,12 +77,6 @@ def start_of(settings: Any) -> dict[str, Any]:
     return start
 
 
-def enters(settings: Any) -> bool:
-    """Whether a release of a site starts later than the run, in any of its members."""
-    sampled = settings.ensemble.parameters
-    return any(r.start_time or r.starts_when or TIME_OF + r.name in sampled for r in settings.release)
-
-
 def own_range(key: str) -> Range | None:
     """Range of a sampled start time or speed of a release, by its key; None for other parameters."""
     return next((valid for prefix, valid in RANGES.items() if key.startswith(prefix) and key != prefix), None)

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.config import release_start
 from runout.ensemble.member import Member, simulate_alone, simulate_together
 from runout.ensemble.worker import Group, Task
 from runout.ensemble.workers import Share
@@ -44,9 +43,9 @@ class Work:
 
     @property
     def together(self) -> bool:
-        """Whether the members of a group share kernel launches (backend hash); those into which mass enters run alone."""
-        hashed, settings = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash", self.site.settings
-        return self.simulate is None and hashed and not release_start.enters(settings) and not settings.inflow
+        """Whether the members of a group share kernel launches (backend hash); those with an inflow run alone."""
+        hashed = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash"
+        return self.simulate is None and hashed and not self.site.settings.inflow
 
     def task(self, share: Share) -> Task:
         """What a worker of a share does with a group."""

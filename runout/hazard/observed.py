@@ -25,6 +25,7 @@ from runout.scores.flow import OF_MEMBER, Flow
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_or_never
 from runout.scores.reaches import ReachErrors
+from runout.simulation.entering import never_started
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -105,10 +106,11 @@ def scored(
     setting = _setting(observed, site, terrain, releases, results)
     means, members, reaches = _Means(), {}, {}
     for (member, path), weight in zip(ensemble.files.items(), ensemble.weights, strict=True):
-        flow, change = _flow(path, observed)
+        flow, change, waited = _flow(path, observed)
         if change is None:
             factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
-            change = elevation_change(flow.maps["deposit"], removed(releases, factor))
+            started = [release for release in releases if release.name not in waited]
+            change = elevation_change(flow.maps["deposit"], removed(started, factor))
         means.add(flow, change, float(weight), observed, setting.thresholds)
         assessment = against_observations(flow, observed, setting, change)
         members[str(member)] = [score.stored() for score in assessment.scores]
@@ -128,8 +130,8 @@ def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: S
     return Setting(thresholds, bars, observed.thalweg, start, terrain.elevation)
 
 
-def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None]:
-    """Maps of a member, and its change of elevation (rows, columns) [m] if its bed was eroded, else None."""
+def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None, list[str]]:
+    """Maps of a member, its change of elevation (rows, columns) [m] if its bed was eroded, and releases that never started."""
     with MemberMaps(path) as file:
         if file.shape != observed.grid.shape:
             remedy = "remove the members and run the ensemble again"
@@ -137,8 +139,9 @@ def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None]:
         known = file.known()
         maps = {quantity: file.layer(name, known).astype(np.float64) for quantity, name in OF_MEMBER.items()}
         change = file.layer(CHANGE, known).astype(np.float64) if CHANGE in file.held() else None
+        waited = never_started(file.attributes)
     maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
-    return Flow(observed.grid, maps), change
+    return Flow(observed.grid, maps), change, waited
 
 
 def removed(releases: Sequence[Release], factor: float = 1.0) -> np.ndarray:

@@ -6,7 +6,7 @@ import time as clock
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, cast
 
@@ -24,7 +24,8 @@ from runout.backends.protocol import (
     free_memory,
     get_batch,
 )
-from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
+from runout.backends.state import State
+from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
 from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes, with_births
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
@@ -33,14 +34,17 @@ from runout.model.numerics import Numerics
 from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
 from runout.model.release import Release
+from runout.model.release_start import require_starts
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed, eroding_bed
 from runout.simulation.result import Result
 from runout.simulation.run import BATCH, Run, RunControl
 from runout.simulation.scenario import build_scene, inflows_of, scene_arguments
 from runout.simulation.structure_forces import named_structures
+from runout.simulation.waiting_release import WaitingRelease
 
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
@@ -80,7 +84,7 @@ def simulate_batch(
     Raises
     ------
     ConfigError
-        If scenarios differ in settings that they must share. A release that starts later than the run is the error of its scenario.
+        If scenarios differ in settings that they must share.
     DeviceError
         If the device does not exist.
     """
@@ -123,15 +127,19 @@ class _Job:
     bytes: float  # on the device
     structures: Structures | None
     bed: ErodingBed | None
+    entering: Entering | None
+    at_start: State = field(default_factory=dict)  # of what waits
 
     @classmethod
     def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
         """Scene and particles from arguments of :func:`runout.simulate`."""
         started = clock.perf_counter()
         options = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
-        release = options["release"]
-        _require_starts_at_once([release] if isinstance(release, Release) else list(release), inflows_of(options.pop("inflow", ())))
-        options |= choices(options.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), options)
+        release, waiting = options["release"], list[WaitingRelease]()
+        releases = [release] if isinstance(release, Release) else list(release)
+        require_starts(releases, options["end_time"])
+        _require_no_inflow(inflows_of(options.pop("inflow", ())))
+        options |= choices(options.pop("accuracy", None), releases, options)
         times = tuple(sorted(options.pop("snapshot_times", ())))
         probes = options.pop("probes", None)
         control = RunControl(
@@ -143,9 +151,8 @@ class _Job:
         if unknown := options.keys() - scene_arguments(options).keys() - Numerics.names():
             raise TypeError(f"a scenario has the argument {min(unknown)!r}, which runout.simulate does not have")
         chosen = scene_arguments(options)
-        scene, releases_in_chunks = build_scene(**chosen, accept=extents.append, in_chunks=True)
+        scene, releases_in_chunks = build_scene(**chosen, accept=extents.append, in_chunks=True, waiting=waiting)
         particles = CompactParticles.of(releases_in_chunks, scene.densities, scene.dtype)
-        releases = [release] if isinstance(release, Release) else list(release)
         eroding = eroding_bed(bed, scene, options["terrain"], releases, releases_in_chunks.how.per_axis)
         friction = chosen.get("basal_friction") or chosen["basal_friction_angle"]
         extent = with_births(extents[0], bed, releases, chosen["numerics"], friction)
@@ -155,16 +162,26 @@ class _Job:
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         structures = named_structures(options.get("structures"))
         scene, seconds = eroding.scene if eroding else scene, clock.perf_counter() - started
-        return cls(number, options["terrain"], scene, particles, control, tell, seconds, needed, structures, eroding)
+        sources = Entering(waiting) if waiting else None
+        return cls(number, options["terrain"], scene, particles, control, tell, seconds, needed, structures, eroding, sources)
+
+    def prepare(self, run: Run) -> None:
+        """Prepare a run of this scenario; what waits begins anew where an earlier launch has changed it."""
+        run.prepare(self.particles)
+        if self.entering:
+            self.at_start = self.at_start or _copied(self.entering.state())
+            self.entering.restore(_copied(self.at_start))
 
 
-def _require_starts_at_once(releases: Sequence[Release], inflows: Sequence[Inflow]) -> None:
-    """Raise ConfigError for a release that waits, and for an inflow: mass cannot enter one of the scenes of a launch."""
-    later = [f"release {release.name} starts" for release in releases if release.waits]
-    later += [f"inflow {one.name} enters" for one in inflows]
-    if later:
+def _copied(state: State) -> State:
+    return {name: np.array(values) for name, values in state.items()}
+
+
+def _require_no_inflow(inflows: Sequence[Inflow]) -> None:
+    """Raise ConfigError for an inflow, which no scene of a launch takes."""
+    if inflows:
         alone = 'simulate it alone, with runout.simulate(backend="hash")'
-        raise ConfigError(f"{later[0]} later than the run; scenarios that share launches start together: {alone}")
+        raise ConfigError(f"inflow {inflows[0].name}: scenarios that share launches have no inflow; {alone}")
 
 
 class _Launch:
@@ -302,18 +319,16 @@ class _Together:
 
     def __init__(self, jobs: list[_Job], place: str, brought: bool):
         self.jobs, self.brought = jobs, brought
-        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.rows: list[LedgerRow] = []  # of the present state, filled on first use
         self.joining: list[tuple[int, Particles]] = []  # scene, and particles that wait to join it
         views = [cast(Backend, _View(self, k)) for k in range(len(jobs))]
         self.runs = [
-            Run(view, job.scene, job.control, job.progress, None, job.structures, job.bed)
+            Run(view, job.scene, job.control, job.progress, None, job.structures, job.bed, job.entering)
             for view, job in zip(views, jobs, strict=True)
         ]
         for run, job in zip(self.runs, jobs, strict=True):
-            run.count(job.particles)
-            if job.bed:
-                job.bed.begin(job.particles)
+            job.prepare(run)
+        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()
@@ -385,6 +400,6 @@ class _Together:
         if not run.reason:
             return None
         run.seconds = clock.perf_counter() - self.started
-        result = run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
+        result = run.result(job.terrain, run.n_particles, job.seconds, brought=self.brought)
         _ = result.state  # before the scene leaves the device
         return result

@@ -8,15 +8,16 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from runout.backends.initial_stress import energy_at_start
 from runout.backends.protocol import Backend, LedgerRow
-from runout.backends.reference.backend import compiled_loops
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.simulation.observers import PeakMaps
 
 LOGGER = logging.getLogger(__name__)
 ROUNDING = 1e-12  # of times, relative
@@ -38,6 +39,8 @@ class Source(Protocol):
         Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew.
     waiting_mass : float
         Mass [kg] that it holds and may give; 0 if that is not known in advance.
+    thickness : ndarray (rows, columns) or float
+        Of the release that it holds [m], 0 if it holds none.
     particle_volume : float
         Mean volume of its particles without stress [m3].
     name : str
@@ -52,6 +55,7 @@ class Source(Protocol):
     stop: float
     coming: bool
     sudden: bool
+    thickness: np.ndarray | float
     waiting_mass: float
     particle_volume: float
     name: str
@@ -72,6 +76,14 @@ class Source(Protocol):
 
     def content(self) -> Iterable[np.ndarray]:
         """Arrays that, with the scene, determine what it gives."""
+
+
+@runtime_checkable
+class Watcher(Protocol):
+    """A source that looks where the flow is."""
+
+    def watch(self, peaks: PeakMaps) -> None:
+        """Look at these maps, which hold the thickness at the last observation."""
 
 
 @dataclass
@@ -107,11 +119,13 @@ class Entering:
         self.scene: Scene | None = None
         self.first = 0  # number of the first particle that enters
 
-    def begin(self, scene: Scene, particles: int) -> None:
-        """Take the scene of the run, which starts with so many ``particles``."""
+    def begin(self, scene: Scene, particles: int, peaks: PeakMaps) -> None:
+        """Take the scene of the run, which starts with so many ``particles``, and the maps at which sources may look."""
         self.scene, self.first = scene, particles
         for source in self.sources:
             source.begin(scene)
+            if isinstance(source, Watcher):
+                source.watch(peaks)
 
     @property
     def reserved(self) -> int:
@@ -148,6 +162,11 @@ class Entering:
         return any(source.coming for source in self.sources)
 
     @property
+    def waiting_thickness(self) -> np.ndarray | float:
+        """Thickness (rows, columns) [m] of the releases that have not started."""
+        return sum(source.thickness for source in self.sources if source.waiting_mass > 0.0)
+
+    @property
     def waiting_mass(self) -> float:
         """Mass [kg] that sources hold and have not given."""
         return math.fsum(source.waiting_mass for source in self.sources)
@@ -161,6 +180,7 @@ class Entering:
 
         Those of a source that reserves numbers have these. Others are numbered behind all, and behind ``born`` ones of a bed.
         """
+        assert self.scene is not None
         number, entered = self.first, 0
         for source in self.sources:
             own, number = number, number + source.reserved
@@ -170,6 +190,7 @@ class Entering:
             if not source.reserved:
                 own = self.first + self.reserved + self.entered.particles + born
                 self.entered.particles += len(particles)
+            particles.mass = particles.mass.astype(self.scene.dtype).astype(np.float64)  # as every backend has it
             particles.identity = own + np.arange(len(particles), dtype=np.int64)
             engine.add(particles)
             self._book(particles)
@@ -178,8 +199,8 @@ class Entering:
 
     def _book(self, particles: Particles) -> None:
         assert self.scene is not None
-        self.entered.mass += float(particles.mass.astype(self.scene.dtype).astype(np.float64).sum())
-        self.entered.energy += energy_of(particles, self.scene)
+        self.entered.mass += float(particles.mass.sum())
+        self.entered.energy += energy_at_start(particles, self.scene)
 
     def ledger(self, row: LedgerRow) -> LedgerRow:
         """A row of the ledger with what has entered and what waits."""
@@ -220,19 +241,19 @@ def _is_due(source: Source, time: float) -> bool:
     return source.due <= time * (1.0 + ROUNDING)
 
 
-def energy_of(particles: Particles, scene: Scene) -> float:
-    """Kinetic, potential and elastic energy [J] of particles without an affine motion."""
-    stress, stored = np.zeros((len(particles), 6)), np.zeros(len(particles))
-    table = scene.law.table(scene.materials, cell_size=min(scene.spacing))
-    strain = np.ascontiguousarray(particles.strain, np.float64)
-    compiled_loops(scene.law, scene.basal.law).take_stress(strain, particles.release, table, stress, stored)
-    height = particles.position(np.array(scene.spacing)) @ np.array(scene.gravity)
-    kinetic = 0.5 * particles.mass @ (particles.velocity**2).sum(axis=1)
-    return float(kinetic - particles.mass @ height + particles.volume @ stored)
+def never_started(record: Mapping[str, Any]) -> list[str]:
+    """Names of the releases that waited until the end, from :meth:`Entering.attributes` of a run."""
+    return [name for name, time, mass in _rows(record) if math.isnan(time) and mass > 0.0]
 
 
 def sentences(record: Mapping[str, Any]) -> Iterator[str]:
     """What :meth:`Entering.attributes` of a run state, source by source."""
-    columns = (np.atleast_1d(record.get(key, ())) for key in RECORDED)
-    for name, time, mass in zip(*columns, strict=True):
-        yield f"{name} never started, {mass:.4g} kg are never released" if math.isnan(time) else f"{name} started at {time:.4g} s"
+    for name, time, mass in _rows(record):
+        never = f"{name} never started" + (f", {mass:.4g} kg are never released" if mass > 0.0 else "")
+        yield never if math.isnan(time) else f"{name} started at {time:.4g} s"
+
+
+def _rows(record: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
+    """Name, start [s] and waiting mass [kg] of each source; a file holds one value without a list."""
+    columns = (np.atleast_1d(record.get(key, ())).tolist() for key in RECORDED)
+    yield from zip(*columns, strict=True)

@@ -74,6 +74,7 @@ class HydrographSource:
     reserved = 0
     stop = math.inf
     waiting_mass = 0.0  # it holds none: the sentences of the inflow say what comes after the end of the run
+    thickness: np.ndarray | float = 0.0
     group = 1  # births at once
     scene: Scene
 

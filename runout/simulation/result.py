@@ -15,6 +15,7 @@ from runout.model.probe_series import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.quantities import bed_map_names
+from runout.simulation.entering import never_started, sentences
 from runout.simulation.structure_forces import StructureForces
 from runout.terrain.relief import half_width
 
@@ -77,8 +78,7 @@ class Result:
     @property
     def never_started(self) -> list[str]:
         """Names of the releases that waited until the end; their mass is ``waiting_mass`` of the ledger."""
-        times = zip(self.start.get("late_source", ()), self.start.get("late_source_start_time", ()), strict=True)
-        return [name for name, time in times if np.isnan(time)]
+        return never_started(self.start)
 
     @cached_property
     def state(self) -> Particles:
@@ -169,8 +169,6 @@ class Result:
 
     def _facts_of_sources(self) -> dict[str, str]:
         """When releases that waited started, and which never did."""
-        from runout.simulation.entering import sentences
-
         said = "; ".join(sentences(self.start))
         return {"later": said} if said else {}
 

@@ -118,23 +118,31 @@ class Run:
         self.skipped = 0.0  # [s] without any mass
         self.particles = 0  # at the start
 
+    @property
+    def n_particles(self) -> int:
+        """Number of particles of all releases and other sources that have entered or wait."""
+        return self.particles + (self.entering.reserved + self.entering.entered.particles if self.entering else 0)
+
     def count(self, particles: ParticleSource) -> None:
         """Note number and mean volume of the particles."""
         self.particles = len(particles)
-        followed = len(particles) + (self.entering.reserved if self.entering else 0)
-        self.sample = ParticleSample.of(followed, self.control.snapshot_particles)
+        self.sample = ParticleSample.of(self.n_particles, self.control.snapshot_particles)
         volume = particles.sums(self.scene.densities).mean_volume
         self.particle_volume = self.entering.mean_volume(len(particles), volume) if self.entering else volume
 
-    def start(self, particles: ParticleSource) -> None:
-        """Load the backend with the particles, or with the state of a checkpoint of this run."""
+    def prepare(self, particles: ParticleSource) -> None:
+        """Note the particles at the start, also for a bed and for what enters later."""
         self.count(particles)
-        state = self.keep.read() if self.keep else None
         if self.bed:
             self.bed.begin(particles)
             self.bed.particles += self.entering.reserved if self.entering else 0
         if self.entering:
-            self.entering.begin(self.scene, self.particles)
+            self.entering.begin(self.scene, self.particles, self.peaks)
+
+    def start(self, particles: ParticleSource) -> None:
+        """Load the backend with the particles, or with the state of a checkpoint of this run."""
+        self.prepare(particles)
+        state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
             return
@@ -186,7 +194,8 @@ class Run:
         if self.control.bulking != 1.0:
             maps[DEPOSIT_MAP] = self.control.bulking * maps[DEPOSIT_MAP]
         if self.bed:
-            maps |= self.bed.maps(maps[DEPOSIT_MAP])
+            there = self.entering.waiting_thickness if self.entering else 0.0  # is not released
+            maps |= self.bed.maps(maps[DEPOSIT_MAP] + there)
         # only on known ground: the footprint of a particle may extend beyond an edge
         fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps.items()}
         return Result(

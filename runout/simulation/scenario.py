@@ -74,10 +74,9 @@ def build_scene(
     strength = basal_strength.strengths(stated_materials, spacing[2])
     materials = stiffness.chosen_moduli(stated_materials, releases, frictions, strength, friction_zones)
     _require_bearing(releases, materials)
-    dug = [r.excavation for r in releases]
     least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
-    mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
-    surface = _ground_dug(terrain, spacing[:2], mass, dug)
+    ground = partial(_ground_dug, terrain, spacing[:2], Mass(np.sum([r.thickness for r in releases], axis=0), least))
+    surface = ground([r.excavation for r in releases])
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
         extent = expected_extent(releases, surface.surface, spacing, per_axis)
@@ -93,9 +92,7 @@ def build_scene(
     press, wet, launch = pressed_by(scene, releases), wetted_by(scene, releases, numerics.seed), launched_by(scene, there)
     own = materials[: len(there)]
     particles = ReleaseParticles(there, own, surface, how, press=press, wet=wet, settle=settled_in(scene), launch=launch)
-    if waiting is not None and any(r.waits for r in there):
-        grounds = partial(_ground_dug, terrain, spacing[:2], mass)
-        scene, particles = hold_back(scene, particles, there, grounds, waiting)
+    scene, particles = hold_back(scene, particles, there, ground, waiting)
     return scene, particles if in_chunks else gathered(particles)
 
 

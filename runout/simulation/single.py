@@ -185,19 +185,23 @@ def simulate(
     key = run_key(scene, particles, control, type(engine).__name__, more=more) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
     run = Run(engine, scene, control, progress, keep, named, eroding, entering)
-    n_particles = len(particles) + (entering.reserved if entering else 0)
     run.start(particles)
     del particles
+    result = _computed(run, terrain, clock.perf_counter() - started)
+    result.start.update(record_of(sources))
+    if keep:
+        keep.remove()
+    return result
+
+
+def _computed(run: Run, terrain: Terrain, setup: float) -> Result:
+    """Result of a run that is loaded, after ``setup`` [s] of preparation; what a user should know of it is logged."""
     loaded = clock.perf_counter()
     run.go()
     run.seconds += clock.perf_counter() - loaded
-    n_particles += entering.entered.particles if entering else 0
-    result = run.result(terrain, n_particles, loaded - started)
-    result.start.update(record_of(sources))
+    result = run.result(terrain, run.n_particles, setup)
     for name in result.never_started:
         LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
-    if keep:
-        keep.remove()
     if result.depth_resolution.is_coarse:
         LOGGER.warning("%s", result.depth_resolution.warning())
     return result

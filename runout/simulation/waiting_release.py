@@ -14,7 +14,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import array_binding
-from runout.backends.protocol import Backend, RasterSums, WindowBackend
+from runout.backends.protocol import Backend
 from runout.backends.resting_particles import ReleaseParticles
 from runout.backends.state import State, put_arrays
 from runout.model.nodal_surface import NodalSurface
@@ -23,11 +23,12 @@ from runout.model.particles import Particles, Sums
 from runout.model.release import Placement, Release
 from runout.model.release_start import Arrival
 from runout.model.scene import Scene
+from runout.simulation.observers import PeakMaps
 from runout.simulation.plan_nodes import AreaSums
 from runout.terrain import relief, sdf
 
 LOGGER = logging.getLogger(__name__)
-TRAVEL = 0.5  # cells that the fastest particle may go between two looks for an arrival
+TRAVEL = 1.0  # cells that the fastest particle may go between two looks for an arrival
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class WaitingRelease:
 
     def __init__(self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, sums: Sums):
         self.release, self.number, self.particles, self.closing = release, number, particles, closing
-        self.name, self.reserved = release.name, len(particles)
+        self.name, self.thickness, self.reserved = release.name, release.thickness, len(particles)
         self.waiting_mass, self.particle_volume = sums
         self.due = self.stop = release.start_time
         self.coming, self.started = True, math.nan
@@ -137,8 +138,9 @@ class WaitingRelease:
 class TriggeredRelease(WaitingRelease):
     """A release that starts when the flow of another one arrives inside its outline.
 
-    The thickness is that of the columns of the raster that hold any of the mass. It is looked at whenever the fastest particle may
-    have gone :data:`TRAVEL` cells.
+    The thickness is that of the columns that hold any of the mass, at the last observation for the maps; this costs nothing. Whose
+    flow it is the particles say, where there is a third release. The release looks whenever the fastest particle may have gone
+    :data:`TRAVEL` cells.
 
     Parameters
     ----------
@@ -156,7 +158,8 @@ class TriggeredRelease(WaitingRelease):
         self.trigger: Arrival = release.starts_when
         self.other = other
         self.before: WaitingRelease | None = None
-        self.inside = release.thickness > 0.0  # (rows, columns)
+        self.peaks: PeakMaps | None = None
+        self.inside: np.ndarray | None = None  # which columns of the maps hold any of the mass
         self.due, self.stop, self.coming = 0.0, math.inf, False
 
     def take(self, engine: Backend, time: float) -> Particles | None:
@@ -167,24 +170,34 @@ class TriggeredRelease(WaitingRelease):
         if self._has_arrived(engine):
             return super().take(engine, time)
         assert self.scene is not None
-        h, g = min(self.scene.spacing[:2]), math.hypot(*self.scene.gravity)
+        h, g = self.scene.observed_length, math.hypot(*self.scene.gravity)
         self.due = time + float(array_binding().bed.time_to_travel(TRAVEL * h, engine.max_speed, max(g, 1e-12)))
         return None
 
+    def watch(self, peaks: PeakMaps) -> None:
+        """Look for the arrival in these maps."""
+        inside = self.release.thickness > 0.0
+        if peaks.on_lattice:
+            edges = (np.arange(n + 1) * size for n, size in zip(peaks.thickness.shape[::-1], peaks.cell, strict=True))
+            assert self.scene is not None
+            inside = 1e-6 * math.prod(peaks.cell) < AreaSums.of_raster(inside.astype(float), self.scene).within(*edges).T
+        self.peaks, self.inside = peaks, inside
+
     def _has_arrived(self, engine: Backend) -> bool:
-        """Whether the flow of the other release is thick enough anywhere inside. All flow is looked at first: that is quick."""
-        scene = self.scene
+        """Whether the flow of the other release is thick enough anywhere inside."""
+        scene, peaks = self.scene, self.peaks
         assert scene is not None
-        columns = engine.flow_columns() if isinstance(engine, WindowBackend) else engine.columns()
-        if not self._is_thick(columns):
+        assert peaks is not None
+        if not (peaks.thickness[self.inside] >= self.trigger.thickness).any():
             return False
+        if len(scene.materials) == 2:
+            return True
         present = engine.particles()
         own = present.take(present.release == self.other)
-        return self._is_thick(footprints.columns_of(scene, own, own.sums(scene.densities).mean_volume)) if len(own) else False
-
-    def _is_thick(self, columns: RasterSums) -> bool:
-        area = self.release.terrain.cell_area
-        return bool((columns.volume[self.inside[*columns.window]] >= self.trigger.thickness * area).any())
+        columns = footprints.columns_of(scene, own, own.sums(scene.densities).mean_volume)
+        depth = columns.volume / self.release.terrain.cell_area
+        inside = self.release.thickness[*columns.window] > 0.0
+        return bool((depth[inside] >= self.trigger.thickness).any())
 
 
 def lift(particles: Particles, present: Particles, scene: Scene, width: tuple[float, float]) -> None:
@@ -217,7 +230,7 @@ def hold_back(
     particles: ReleaseParticles,
     releases: Sequence[Release],
     ground_dug: Callable[[Sequence[np.ndarray]], NodalSurface],
-    waiting: list[WaitingRelease],
+    waiting: list[WaitingRelease] | None,
 ) -> tuple[Scene, ReleaseParticles]:
     """Scene with ground in the place of the releases that wait, and the particles of the others.
 
@@ -230,9 +243,11 @@ def hold_back(
     releases : sequence of Release
     ground_dug : callable
         Ground below some excavations (rows, columns) [m].
-    waiting : list
-        Gets the releases that wait.
+    waiting : list or None
+        Gets the releases that wait. None: none is held back.
     """
+    if waiting is None or not any(release.waits for release in releases):
+        return scene, particles
     at_once = [number for number, release in enumerate(releases) if not release.waits]
     later = [number for number, release in enumerate(releases) if release.waits]
     dug = [releases[number].excavation for number in at_once]

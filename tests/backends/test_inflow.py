@@ -13,6 +13,7 @@ from runout.backends.protocol import BACKENDS, get_backend
 from runout.errors import ConfigError, ReleaseError
 from runout.model.numerics import Numerics
 from runout.release import inlet
+from runout.simulation.batch import simulate_batch
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.inflow import source_of
 from runout.simulation.scenario import build_scene
@@ -175,12 +176,14 @@ def test_another_hydrograph_does_not_continue_a_checkpoint(tmp_path):
 
 @EACH
 def test_nothing_enters_in_the_place_of_other_mass(backend, caplog):
-    """A slab lies on the line: what enters there stands on it. The volume is exact, and is said."""
+    """A slab that hardly moves lies on the line: what enters there stands on it. The volume is exact, and is said and recorded."""
+    there = slab(columns=(7, 12), rows=(3, 13), thickness=3.0)
     with caplog.at_level(logging.WARNING):
-        result = run(
-            flood(), backend, [slab(columns=(7, 12), rows=(3, 13), thickness=3.0)], end_time=2.0, basal_friction_angle=35.0
-        )
-    assert "the flow backed up to the line" in caplog.text or result.series["entered_mass"][-1] < VOLUME * SOIL.density
+        result = run(flood(), backend, [there], end_time=3.5, basal_friction_angle=32.0)
+    assert "inflow inflow: the flow backed up to the line" in caplog.text
+    (on_top,) = result.start["inflow_on_top_volume"]
+    assert 0.2 * VOLUME < on_top <= VOLUME * (1.0 + 1e-9)
+    assert result.series["entered_mass"][-1] == pytest.approx(VOLUME * SOIL.density, rel=1e-9)
     assert unbooked(result) <= 1e-12
 
 
@@ -208,14 +211,17 @@ def test_new_columns_stand_on_the_particles_that_are_there():
     assert new[:, 2].min() > 2.5
 
 
-def test_a_flow_that_leaves_in_time_is_not_lifted():
-    """Births follow each other without overlap and without a gap: the first planes of a steady flow."""
+@EACH
+def test_a_flow_that_leaves_in_time_is_not_lifted(backend):
+    """Where friction takes what the slope gives, the first planes of a steady flow follow each other without overlap and gap."""
     steady = Hydrograph([0.0, 2.0], [60.0, 60.0], [4.0, 4.0])
-    result = run(flood(steady), end_time=2.0)
+    result = run(flood(steady), backend, end_time=2.0, basal_friction_angle=math.degrees(math.atan(SLOPE)))
     x = result.state.position(np.full(3, CELL))
-    near = (x[:, 0] > 20.0) & (x[:, 0] < 26.0) & (np.abs(x[:, 1] - 20.0) < 5.0)
-    thickness = result.state.volume[near].sum() / (6.0 * 10.0)
+    near = (x[:, 0] > 20.0) & (x[:, 0] < 25.0) & (np.abs(x[:, 1] - 20.0) < 5.0)
+    thickness = result.state.volume[near].sum() / (5.0 * 10.0)
     assert thickness == pytest.approx(60.0 / 15.0 / 4.0 * math.sqrt(1.0 + SLOPE**2), rel=0.15)
+    assert result.start["inflow_on_top_volume"] == [0.0]
+    assert result.start["inflow_volume"] == pytest.approx([result.series["entered_mass"][-1] / SOIL.density], rel=1e-6)
 
 
 @EACH
@@ -277,3 +283,11 @@ def test_neither_release_nor_inflow_is_refused():
 def test_accuracy_takes_the_thickness_at_the_line():
     result = run(flood(), end_time=0.6, cell_size=None, accuracy="screening")
     assert max(result.spacing) <= inlet.mass_at(flood()).thickness.max()
+
+
+def test_scenarios_that_share_launches_have_no_inflow():
+    choices = {"end_time": 1.0, "cell_size": CELL, "basal_friction_angle": 20.0}
+    scenario = {"terrain": TERRAIN, "release": [slab()], "material": SOIL, "inflow": flood(), **choices}
+    ((_, error),) = simulate_batch([scenario], device="cpu")
+    assert isinstance(error, ConfigError)
+    assert "inflow inflow: scenarios that share launches have no inflow; simulate it alone" in str(error)

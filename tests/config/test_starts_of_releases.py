@@ -5,8 +5,6 @@ from refused_site import problems
 
 from runout import Arrival, StartVelocity, read_site
 from runout.config.parameter_variables import parameter_variable
-from runout.config.read import load
-from runout.ensemble.work import Work
 from runout.errors import ConfigError
 
 SCAR = "    thickness: 4.0\n"
@@ -149,18 +147,3 @@ def test_an_ensemble_samples_the_start_of_each_release(edited):
 def test_samples_of_starts_that_are_not_there_are_refused(edited, first, second, sampled, message):
     (line,) = problems(with_starts(edited, first, second, sampled))
     assert message in line
-
-
-def test_members_with_a_late_release_run_one_by_one_on_a_gpu(edited, tmp_path):
-    """Those whose releases start together share launches."""
-    folder = with_starts(edited)
-    edited("  cell_size: 10", "  cell_size: 10\n  backend: hash")
-    for second, together in (("", True), ("start_time: 3", False), ("starts_when: {arrives: scar}", False)):
-        text = (folder / "site.yaml").read_text()
-        (folder / "site.yaml").write_text(text.replace(SECOND, f"{SECOND}    {second}\n"))
-        settings = load(folder)
-        work = Work(read_site(folder), (), tmp_path)
-        assert work.together is together, settings.release[1]
-        (folder / "site.yaml").write_text(text)
-    edited(LINE, f"{LINE}    start_time_second: {{distribution: uniform, low: 0, high: 20}}\n")
-    assert not Work(read_site(folder), (), tmp_path).together
