@@ -36,7 +36,7 @@ class Source(Protocol):
 
     @property
     def stop(self) -> float:
-        """Next time [s] that a transfer has to end at exactly; infinite if there is none. The last transfers before it are equal."""
+        """Next time [s] that a transfer has to end at exactly, infinite without one. The last transfers before it are equal."""
 
     @property
     def coming(self) -> bool:
