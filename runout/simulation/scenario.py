@@ -13,6 +13,8 @@ from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
+from runout.model.friction_laws import numbers_of
+from runout.model.law_mixtures import friction_law
 from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.numerics import Numerics
@@ -67,10 +69,11 @@ def build_scene(
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
+    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     if accept:
         extent = expected_extent(releases, surface.surface, spacing, per_axis)
-        accept(replace(extent, mixed=_mixed(frictions, strength)))
-    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
+        law = friction_law(numbers_of(f)[0] for f in friction)
+        accept(replace(extent, mixed=_mixed(frictions, strength), friction=law))
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
         friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),

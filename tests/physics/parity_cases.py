@@ -26,6 +26,7 @@ from runout.physics import (
     numerical_scales,
     plastic,
     pore_pressure,
+    several_laws,
     structures,
     substeps,
     tensors,
@@ -34,7 +35,7 @@ from runout.physics import (
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
 PORES = {"equilibrium": 0.4, "closure": 1.27, "decay_rate": 0.1, "diffusion": 0.05}
-MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5, **PORES}
+MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5, "law_number": 0.0, **PORES}
 MASS = MassAbove(0.5, 2000.0, 9.81)
 TIME_STEP = 1e-3
 SINGLE_PRECISION_OF_A_LAW = 3e-5  # strains a hundred times beyond yield leave a small difference of large numbers
@@ -208,6 +209,9 @@ CASES = [
     Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),
     Case(contact.law_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
+    Case(several_laws.own_return, "ysm", "yss", (strain, remembered)),
+    Case(several_laws.own_effective_return, "ysms", "yss", (strain, remembered, share)),
+    Case(several_laws.own_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.limited_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.steady_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.column_drag, "vvvssssm", "s", (vector, vector, vector, area, between(0.01, 5.0), between(1.0, 10.0), step)),
@@ -319,8 +323,8 @@ def law_cases(law: Law | FrictionLaw) -> list[Case]:
     if isinstance(law, FrictionLaw):
         resistance = Case(law.resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step), law=law)
         wet = Case(law.effective_impulse, "vvssmsvss", "v", (*OF_A_CONTACT, share), law=law)
-        return [resistance, Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law), wet]
-    returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update else []
+        return [*([resistance] if len(law.laws) == 1 else []), Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law), wet]
+    returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update and len(law.laws) == 1 else []
     steps = [
         (law.step, "ytsm", "yyss", (loaded, rate, remembered)),
         (law.step_small, "ytsm", "yysss", (loaded, rate, remembered)),
