@@ -7,6 +7,7 @@ from runout.config import bed
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.pore_pressure import sampled_pores
+from runout.config.release_laws import OwnLaws, laws_of, own_ranges
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
 from runout.forecast.accuracy import CellSize, choices
@@ -32,6 +33,7 @@ def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:
     if not sample:  # a site with an invalid material block has no material
         return {}
     ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
+    ranges |= own_ranges(laws_of(settings))
     unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
     if unknown:
         raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
@@ -44,10 +46,10 @@ def material(settings: SiteSettings, sample: Sample | None = None) -> "Material"
 
 
 def sampled_releases(settings: SiteSettings, releases: "Sequence[Release]", sample: Sample | None = None) -> "list[Release]":
-    """Releases that were read with a volume factor of 1, with the friction of site.yaml and the sampled volume."""
+    """Releases that were read with a volume factor of 1, with their own laws of site.yaml and the sampled volume."""
     parameters = sampled(settings, sample)
     factor = parameters.get("release_volume_factor", 1.0)
-    wetted = sampled_pores(SiteFriction(settings).under(releases, parameters), parameters)
+    wetted = sampled_pores(OwnLaws(settings).under(releases, parameters), parameters)
     return [r.scaled(factor) if factor != 1.0 else r for r in wetted]
 
 

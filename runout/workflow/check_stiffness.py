@@ -41,9 +41,9 @@ def member_stiffness(
     MaterialError
         If the parameters of a member make no material.
     """
-    bases, drags = bases_of(site, releases, samples), site.friction.law.drags
+    bases, drags = bases_of(site, releases, samples), any(law.drags for law in site.friction.laws)
     speeds = np.max([_speeds(r, base.acting(zones)) for r, base in zip(releases, bases, strict=True)], 0)
-    own = [[r.material or material for r in releases] for material in materials_of(site, samples)]
+    own = materials_of(site, releases, samples)
     if drags:
         speeds = _less_drag(releases, [_ground(bases, k, of, zones) for k, of in enumerate(own)], speeds)
     thickest, found = max(float(r.thickness.max()) for r in releases), []
@@ -107,14 +107,23 @@ def _source(found: Stiffness) -> str:
     return "energy line from the centre of the release, least friction" + (", less drag" if found.drag else "")
 
 
-def lines(material: "Material", found: "Sequence[Stiffness]") -> list[str]:
-    """What ``runout check`` says: modulus, waves over flow, strain by the weight; of the site as stated, and of its members."""
+def lines(materials: "Sequence[Material]", found: "Sequence[Stiffness]", names: "Sequence[str]") -> list[str]:
+    """What ``runout check`` says: modulus, waves over flow, strain by the weight; of the site as stated, and of its members.
+
+    ``materials`` are those that releases, by their ``names``, state; a line for each that differs.
+    """
     own, *members = found
-    said = [f"stiffness youngs_modulus {own.materials[0].modulus:.3g} Pa ({_why(own, material)}): {own.statement()}"]
-    moduli = [s.materials[0].modulus for s in members]
-    if moduli and min(moduli) < max(moduli):
-        said.append(f"          members: {min(moduli):.3g} to {max(moduli):.3g} Pa")
-    if material.youngs_modulus != AUTO:
+    said, different = [], {material: k for k, material in reversed(list(enumerate(materials)))}
+    for material, k in sorted(different.items(), key=lambda pair: pair[1]):
+        of_release = f"release {names[k]}: " if len(different) > 1 else ""
+        one = replace(own, materials=(own.materials[k],))
+        said.append(
+            f"stiffness {of_release}youngs_modulus {one.materials[0].modulus:.3g} Pa ({_why(one, material)}): {one.statement()}"
+        )
+        moduli = [s.materials[k].modulus for s in members]
+        if moduli and min(moduli) < max(moduli):
+            said.append(f"          {of_release}members: {min(moduli):.3g} to {max(moduli):.3g} Pa")
+    if len(different) == 1 and material.youngs_modulus != AUTO:
         chosen = replace(material, youngs_modulus=AUTO).chosen(own.flow_speed, own.thickness, STANDARD_GRAVITY)
         fewer = (own.wave_speed + own.flow_speed) / (chosen.wave_speed + own.flow_speed)
         said.append(f"          auto would take {chosen.modulus:.3g} Pa: {fewer:.2g} times fewer steps")
