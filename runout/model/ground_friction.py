@@ -68,9 +68,10 @@ class GroundFriction:
         if several and zones.coefficient.any():
             said = f"a zone states a friction angle, and {laws[several[0]]}"
             raise ConfigError(f"{zones.source}: {said}; state its parameters, or a factor")
-        unknown = [name for name in zones.replaced if name not in self.law.numbers]
+        stated = dict.fromkeys(zones.gridded, "a raster states") | dict.fromkeys(zones.replaced, "a zone replaces")
+        unknown = [name for name in stated if name not in self.law.numbers]
         if unknown:
-            said = f"a zone replaces {unknown[0]}, and {', and '.join(laws.values())}"
+            said = f"{stated[unknown[0]]} {unknown[0]}, and {', and '.join(laws.values())}"
             raise ConfigError(f"{zones.source}: {said}; state parameters of that law")
         found = zones.kinds(*self.law.laws)
         self.kind, self.kinds, self._size = found.kind, len(found.own), zones.cell_size

@@ -172,16 +172,16 @@ class FrictionMixture(FrictionLaw):
         return _fingerprint(self.parts)
 
 
-def material_law(materials: Iterable[Material]) -> Law:
-    """The law that materials follow, or the mixture of their laws.
+def material_law(laws: Iterable[Law]) -> Law:
+    """The law of the material of a run, or the mixture of those that its masses follow.
 
     Raises
     ------
     MaterialError
-        If the class of one is not registered, or laws cannot be in one run.
+        If laws cannot be in one run.
     """
-    laws = _ordered(map(law_of, materials))
-    return laws[0] if len(laws) == 1 else _law_mixture(laws)
+    ordered = _ordered(laws)
+    return ordered[0] if len(ordered) == 1 else _law_mixture(ordered)
 
 
 def friction_law(laws: Iterable[FrictionLaw]) -> FrictionLaw:

@@ -12,7 +12,7 @@ from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
 from runout.model.law_mixtures import material_law
-from runout.model.laws import Law
+from runout.model.laws import Law, law_of
 from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
@@ -121,7 +121,7 @@ class Scene(Scheme):
     @cached_property
     def law(self) -> Law:
         """The law that all materials follow, or the mixture of their laws (:mod:`runout.model.law_mixtures`)."""
-        return material_law(self.materials)
+        return material_law(map(law_of, self.materials))
 
     @property
     def observed_length(self) -> float:

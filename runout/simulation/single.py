@@ -182,6 +182,7 @@ def simulate(
 
 
 def _statements(scene: Scene, names: Sequence[str]) -> Iterator[str]:
-    """What a user should know of the releases, by their ``names``: friction that acts, pore pressure that rises."""
+    """What a user should know of the releases, by their ``names``: friction that acts or does not, pore pressure that rises."""
     yield from basal_strength.sentences(scene, names)
+    yield from basal_strength.unchanged(scene.friction, names, scene.friction_zones)
     yield from doubts(scene.pore_pressure, scene.densities, names)

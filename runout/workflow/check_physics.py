@@ -11,7 +11,7 @@ from runout.config.friction import sampled_ranges
 from runout.config.material import OF_THE_RUN
 from runout.config.member_arguments import grid_spacing
 from runout.config.pore_pressure import sampled_pores
-from runout.model.basal_strength import least_angle, sentence, strengths
+from runout.model.basal_strength import least_angle, sentence, strengths, unchanged
 from runout.model.depth_resolution import SHARING
 from runout.model.friction_laws import numbers_of
 
@@ -58,6 +58,7 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
         return
     yield from _thinner_than_the_grid_shows(site, least_thickness(site, releases, zones))
     yield from _pressures_that_rise(site, releases)
+    yield from unchanged(site.friction.of_releases(releases, {}), [r.name for r in releases], zones)
     for base, release in zip(bases_of(site, releases), releases, strict=True):
         yield from _stronger_ground(base, zones)
         law = numbers_of(base.frictions[0])[0]

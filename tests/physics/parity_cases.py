@@ -50,6 +50,7 @@ class Case:
     samplers: tuple[Sampler, ...]
     single_precision: float = 1e-6  # difference from float64, relative to the largest result
     law: Law | FrictionLaw | None = None  # whose function it is
+    part: int = 0  # of a mixture: the law whose record it takes
 
     @property
     def name(self) -> str:
@@ -59,9 +60,13 @@ class Case:
     @property
     def material(self) -> dict[str, float]:
         """Record of parameters."""
-        if isinstance(self.law, FrictionLaw):
-            return {name: float(value) for name, value in self.law.friction.acting(self.law.example.numbers(), MASS).items()}
-        record = self.law.example.record() if self.law else MATERIAL
+        law = self.law.laws[self.part] if self.law else None
+        if isinstance(law, FrictionLaw):
+            record = {name: float(value) for name, value in law.friction.acting(law.example.numbers(), MASS).items()}
+        else:
+            record = law.example.record() if law else MATERIAL
+        if self.law and len(self.law.laws) > 1:
+            record = {name: record.get(name, 0.0) for name in self.law.fields} | {"law_number": float(self.part)}
         return {**record, "time_step": TIME_STEP} if "time_step" in record else record
 
     def sample(self, n: int = 400, seed: int = 3) -> list[np.ndarray]:

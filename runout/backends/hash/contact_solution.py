@@ -168,7 +168,7 @@ def _record_of_friction(
     if constants.only < 0:
         record = int(particles.release[p])
     if ZONED:
-        record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
+        record = scenes.of_friction[record, 0] + _kind_in_cell(blocks, scenes, s, b, c, f)
     return record
 
 
@@ -272,7 +272,7 @@ def _limits_start(particles: ParticleGroup, scenes: SceneGroup, constants: Const
         release = constants.only
         if release < 0:
             release = int(particles.release[p])
-        return scenes.limits_start[release] != 0
+        return scenes.of_friction[release, 1] != 0
     return True
 
 
