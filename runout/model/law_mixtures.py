@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -24,7 +25,6 @@ from runout.model.registered_law import RegisteredLaw, calling
 from runout.physics import contact, plastic, several_laws
 
 NUMBER = "law_number"  # of a record: that of its law among those of the mixture
-RESISTANCE = "law_resistance"
 AND = "_and_"  # between the names of laws in that of a mixture
 AnyLaw = TypeVar("AnyLaw", Law, FrictionLaw)
 
@@ -148,18 +148,18 @@ class FrictionMixture(FrictionLaw):
     @cached_property
     def limited(self) -> FunctionType:
         """:attr:`FrictionLaw.limited` by record."""
-        return _by_record(several_laws.own_resistance, RESISTANCE, [law.limited for law in self.parts], "limited")
+        return _resistance_by_record([law.limited for law in self.parts], "limited")
 
     @cached_property
     def at_base(self) -> FunctionType:
         """:attr:`FrictionLaw.at_base` by record."""
-        return _by_record(several_laws.own_resistance, RESISTANCE, [law.at_base for law in self.parts], "at_base")
+        return _resistance_by_record([law.at_base for law in self.parts], "at_base")
 
     @cached_property
     def on_column(self) -> FunctionType:
         """Resistance by record where that slows whole columns; none for a law whose drag acts at the base."""
         of_laws = [law.resistance if law.drags_column else contact.law_resistance for law in self.parts]
-        return _by_record(several_laws.own_resistance, RESISTANCE, of_laws, "on_column")  # type: ignore[arg-type]
+        return _resistance_by_record(of_laws, "on_column")  # type: ignore[arg-type]
 
     @property
     def is_of_runout(self) -> bool:
@@ -206,7 +206,7 @@ def _law_mixture(laws: tuple[Law, ...]) -> LawMixture:
 @cache
 def _friction_mixture(laws: tuple[FrictionLaw, ...]) -> FrictionMixture:
     _require_numbered(laws, ConfigError)
-    resistance = _by_record(several_laws.own_resistance, RESISTANCE, [law.resistance for law in laws], "resistance")
+    resistance = _resistance_by_record([law.resistance for law in laws], "resistance")
     return FrictionMixture(_name(laws), BasalFriction, resistance, laws)
 
 
@@ -218,6 +218,11 @@ def _by_record(link: Any, called: str, functions: Sequence[FunctionType], name: 
         chain = calling(link, f"{name or called}_{place}", **{called: functions[place], f"other_{called}": chain, "LAW": place})
         chain.__module__ = __name__  # functions_of_law lists it
     return chain
+
+
+def _resistance_by_record(functions: Sequence[FunctionType], name: str) -> FunctionType:
+    """Resistance that is one of the ``functions`` by record."""
+    return _by_record(several_laws.own_resistance, "law_resistance", functions, name)
 
 
 def _ordered(laws: Iterable[AnyLaw]) -> tuple[AnyLaw, ...]:
@@ -233,7 +238,9 @@ def _name(laws: Sequence[RegisteredLaw[Any]]) -> str:
 
 
 def _fingerprint(laws: Sequence[RegisteredLaw[Any]]) -> str:
-    return hashlib.sha256(" ".join(law.fingerprint for law in laws).encode()).hexdigest()[:16]
+    """Checksum of those of laws, and of how they are bound together."""
+    own = Path(__file__).read_bytes()
+    return hashlib.sha256(" ".join(law.fingerprint for law in laws).encode() + own).hexdigest()[:16]
 
 
 def _require_numbered(laws: Sequence[RegisteredLaw[Any]], error: type[InputError]) -> None:

@@ -252,9 +252,9 @@ def _largest(members: "Sequence[Member]") -> "Member":
 
 def _friction_of(member: "Member") -> list[float]:
     """Sampled parameters of the basal friction of a member."""
-    from runout.config.friction import PREFIX
+    from runout.config.friction import OF_RELEASE, PREFIX
 
-    return [value for name, value in sorted(member.parameters.items()) if name.startswith(PREFIX)]
+    return [value for name, value in sorted(member.parameters.items()) if name.rpartition(OF_RELEASE)[2].startswith(PREFIX)]
 
 
 def particle_line(particles: int) -> str:
