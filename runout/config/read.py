@@ -191,8 +191,8 @@ def _own_friction(document: Document, place: Location, given: dict[str, Any], sa
     if ANGLE in given and law and ANGLE not in sampled_ranges(law):
         names = ", ".join(p.key for p in law.parameters)
         message = f"the friction law {law.name} has no friction angle"
-        own = f", or {KEY}: {{law: {DEFAULT_FRICTION}, friction_angle_deg: ...}}" if place[0] == "release" else ""
-        yield document.problem((*place, ANGLE), message, f"write {KEY}: {{...}} with parameters of that law: {names}{own}")
+        other = f", or {KEY}: {{law: {DEFAULT_FRICTION}, friction_angle_deg: ...}}" if place[0] == "release" else ""
+        yield document.problem((*place, ANGLE), message, f"write {KEY}: {{...}} with parameters of that law: {names}{other}")
     if ANGLE in given and ANGLE in sampled:
         yield document.problem((*place, ANGLE), "the ensemble samples this angle too", "remove one of the two")
     for block, prefix in ((KEY, PREFIX), ("material", "")):

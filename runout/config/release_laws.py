@@ -52,7 +52,8 @@ def stated_laws(site: Any) -> dict[str, Laws]:
         if isinstance(release, dict):
             own = release.get(MATERIAL), release.get(FRICTION)
             blocks: tuple[Any, Any] = material.BLOCK, FRICTION_BLOCK
-            laws = [block.known_law(one) if names_law(one) else law for one, law, block in zip(own, of_site, blocks, strict=True)]
+            pairs = zip(own, of_site, blocks, strict=True)
+            laws: list[Any] = [block.known_law(one) if names_law(one) else law for one, law, block in pairs]
             found[str(release.get("name", "release"))] = (laws[0], laws[1])
     return found
 
@@ -64,7 +65,7 @@ def names_law(block: Any) -> bool:
 
 def own_ranges(laws: Mapping[str, Laws]) -> dict[str, Range]:
     """Range of each parameter that an ensemble may sample for one release, by its key ``RELEASE.parameter``."""
-    found = {}
+    found: dict[str, Range] = {}
     for name, (of_material, of_friction) in laws.items():
         ranges = sampled_in(of_material.parameters) if of_material else {}
         ranges |= friction_ranges(of_friction) if of_friction else {}
