@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Laws = tuple[Law | None, FrictionLaw | None]
 
 
-def laws_of(settings: "SiteSettings") -> dict[str, Laws]:
+def laws_of(settings: "SiteSettings") -> dict[str, tuple[Law, FrictionLaw]]:
     """Laws of the material and of friction that each release follows, by its name."""
     of_material, of_friction = settings.material.law, SiteFriction(settings).law.name
     return {

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -48,7 +48,7 @@ class Extent:
     nodes_on_device: int
     mixed: int = 1
     wet: int = 0
-    friction: FrictionLaw | None = None
+    friction: FrictionLaw | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
