@@ -146,11 +146,12 @@ def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Prob
     """Parameters of a release that make no material or friction with the others of the site."""
     own = OwnLaws(settings)
     for i, (release, laws) in enumerate(zip(settings.release, laws_of(settings).values(), strict=True)):
-        for key, make, law in zip(("material", KEY), (own.material_of, own.friction_of), laws, strict=True):
+        blocks: Any = ("material", own.material_of, laws[0]), (KEY, own.friction_of, laws[1])
+        for key, make, law in blocks:
             try:
                 make(release, {})
             except InputError as error:
-                yield document.problem(("release", i, key), *in_keys(error, law.parameters if law else ()))
+                yield document.problem(("release", i, key), *in_keys(error, law.parameters))
 
 
 def _stated(block: Any) -> dict[str, Any]:

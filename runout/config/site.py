@@ -176,9 +176,10 @@ class Site:
         if self.friction.law.source:
             content["basal_friction"]["source"] = self.friction.law.source
         for stated, laws in zip(content["release"], laws_of(self.settings).values(), strict=True):
-            for key, own in zip(("material", "basal_friction"), laws, strict=True):
-                if own and own.source and "law" in stated.get(key, {}):
-                    stated[key]["source"] = own.source
+            sources = {"material": laws[0].source, "basal_friction": laws[1].source}
+            for key, source in sources.items():
+                if source and "law" in stated.get(key, {}):
+                    stated[key]["source"] = source
         if self.settings.bed and (source := EROSIONS.find(content["bed"]["erosion"]["law"]).source):
             content["bed"]["erosion"]["source"] = source
         for structure in content.get("structures", ()):
