@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from runout.io.atomic import whole_file
 from runout.model.erosion_laws import ErosionLaw
@@ -41,6 +41,7 @@ from runout.physics import (
     numerical_scales,
     plastic,
     pore_pressure,
+    several_laws,
     structures,
     substeps,
     tensors,
@@ -50,10 +51,11 @@ from runout.processes.caches import compiled_code
 
 PHYSICS = (
     *(tensors, bspline, moments, heightfield, elastic, plastic),
-    *(geostatic, pore_pressure, contact, structures, substeps, blocks, timestep, numerical_scales, flow_columns, bed),
+    *(geostatic, pore_pressure, contact, several_laws, structures, substeps, blocks, timestep, numerical_scales, flow_columns, bed),
     inflow,
 )
 _SETTING = threading.RLock()  # of the folder in which numba caches
+AnyLaw = TypeVar("AnyLaw", Law, FrictionLaw)
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 
 
@@ -97,12 +99,11 @@ def _bind_law(
     law: Law, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
 ) -> SimpleNamespace:
     """``update`` of a law and its steps, by total and by effective stress; a material that never yields has those of elasticity."""
-    of_law = functions_of_law(law.update) if law.update else []
     steps: dict[str, Any] = {"step": law.step, "step_small": law.step_small, "effective_step": law.effective_step}
     steps["effective_step_small"] = law.effective_step_small
-    functions: list[Any] = [*of_law, law.effective_return, *steps.values()]
+    functions: list[Any] = list(dict.fromkeys([*law.own_functions, law.effective_return, *steps.values()]))
     own = _bind_own(law, functions, names, compiled, compile_one)
-    return SimpleNamespace(update=own.get(law.update), **{name: own[step] for name, step in steps.items()})
+    return SimpleNamespace(update=own.get(law.update), own=own, **{name: own[step] for name, step in steps.items()})
 
 
 def _bind_friction(
@@ -110,10 +111,16 @@ def _bind_friction(
 ) -> SimpleNamespace:
     """``resistance`` of a law of basal friction, as it is and ``at_base``, and what contacts and columns make of it."""
     of_contact = law.limited, law.at_base, law.effective_impulse, law.impulse, law.column_drag, law.free_column_drag
-    functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), *of_contact]))
+    functions: list[Any] = list(dict.fromkeys([*law.own_functions, *of_contact]))
     own = _bind_own(law, functions, names, compiled, compile_one)
     wanted = "resistance", "at_base", "impulse", "effective_impulse", "column_drag", "free_column_drag"
-    return SimpleNamespace(**{name: own[getattr(law, name)] for name in wanted})
+    return SimpleNamespace(own=own, **{name: own[getattr(law, name)] for name in wanted})
+
+
+def _with_parts(law: AnyLaw, compiled: Mapping[FunctionType, Any], bound: Callable[[AnyLaw], Any]) -> Mapping[FunctionType, Any]:
+    """What is compiled, with the functions of the laws of a mixture: ``bound`` is what a law is bound to."""
+    parts = law.laws if len(law.laws) > 1 else ()
+    return dict(compiled) | {f: made for part in parts for f, made in bound(part).own.items()}  # type: ignore[arg-type]
 
 
 def _bind_own(
@@ -165,7 +172,8 @@ class NumbaBinding:
         if law not in self._laws:
             import numba
 
-            self._laws[law] = _bind_law(law, self.names, self._compiled, numba.njit(**self.inlined))
+            compiled = _with_parts(law, self._compiled, self.law)
+            self._laws[law] = _bind_law(law, self.names, compiled, numba.njit(**self.inlined))
         return self._laws[law]
 
     def friction(self, law: FrictionLaw) -> SimpleNamespace:
@@ -173,7 +181,8 @@ class NumbaBinding:
         if law not in self._laws:
             import numba
 
-            self._laws[law] = _bind_friction(law, self.names, self._compiled, numba.njit(**self.inlined))
+            compiled = _with_parts(law, self._compiled, self.friction)
+            self._laws[law] = _bind_friction(law, self.names, compiled, numba.njit(**self.inlined))
             self._laws[law].record = namedtuple("record", law.fields)  # type: ignore[misc]
         return self._laws[law]
 
@@ -183,8 +192,9 @@ class NumbaBinding:
 
         compile_one = numba.njit(**self.inlined)
         rate = _bind_own(law, functions_of_law(law.rate), self.names, self._compiled, compile_one)[law.rate]
-        stress = [*functions_of_law(friction.resistance), friction.limited, friction.stress]
-        bound = _bind_own(friction, stress, self.names, self._compiled, compile_one)
+        stress = [*friction.own_functions, friction.limited, friction.stress]
+        compiled = _with_parts(friction, self._compiled, self.friction)
+        bound = _bind_own(friction, stress, self.names, compiled, compile_one)
         return SimpleNamespace(rate=rate, friction_stress=bound[friction.stress])
 
     def chain(self, link: Any, formulas: Sequence[Any], first: int = 0) -> Any:
@@ -271,8 +281,8 @@ def warp_binding(real: Any) -> SimpleNamespace:
     compile_one: Callable[[FunctionType], Any] = partial(wp.func, module=module)
     spaces, compiled = _bind(PHYSICS, names, compile_one)
     spaces.names, spaces.compiled = names, compiled
-    spaces.law = cache(lambda law: _bind_law(law, names, compiled, compile_one))
-    spaces.friction = cache(lambda law: _bind_friction(law, names, compiled, compile_one))
+    spaces.law = cache(lambda law: _bind_law(law, names, _with_parts(law, compiled, spaces.law), compile_one))
+    spaces.friction = cache(lambda law: _bind_friction(law, names, _with_parts(law, compiled, spaces.friction), compile_one))
     return spaces
 
 

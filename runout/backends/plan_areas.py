@@ -61,6 +61,7 @@ def begun_impulses(scene: Scene, p: Particles, dt: float) -> np.ndarray:
         return dt * p.ground_force  # type: ignore[no-any-return]
     fastest = contact.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
     lasting = np.array([contact.started_time(v, fastest, dt) for v in p.velocity])
+    lasting = np.where(scene.basal.limits_start[p.release], lasting, dt)
     return lasting.reshape(-1, 1) * p.ground_force  # type: ignore[no-any-return]
 
 

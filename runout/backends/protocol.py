@@ -315,12 +315,12 @@ class Compilation(Protocol):
 
 
 def start_compilation(
-    materials: tuple[Material, ...], friction: BasalFriction, choices: dict[str, Any], *, zones: bool, structures: bool = False,
-    wet: bool = False, marked: Callable[[Path], None] | None = None,
+    materials: tuple[Material, ...], frictions: tuple[BasalFriction, ...], choices: dict[str, Any], *, zones: bool,
+    structures: bool = False, wet: bool = False, marked: Callable[[Path], None] | None = None,
 ) -> Compilation:  # fmt: skip
     """Compilation for the backend scan, with the parameters of :class:`runout.backends.scan.ahead.CompilingAhead`."""
     ahead = import_module("runout.backends.scan.ahead")
-    return ahead.CompilingAhead(materials, friction, choices, zones=zones, structures=structures, wet=wet, marked=marked)  # type: ignore[no-any-return]
+    return ahead.CompilingAhead(materials, frictions, choices, zones=zones, structures=structures, wet=wet, marked=marked)  # type: ignore[no-any-return]
 
 
 def free_memory(device: str) -> float:

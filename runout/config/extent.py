@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.fetch import locate
-from runout.config.friction import ANGLE, KEY, SiteFriction, sampled_ranges
+from runout.config.friction import ANGLE, KEY, OF_RELEASE, PREFIX, SiteFriction, sampled_ranges
 from runout.config.inflow import read_inflows
 from runout.config.input_readers import read_elevations, read_releases, read_zones
 from runout.config.member_arguments import grid_spacing, material, sampled_releases
 from runout.config.pore_pressure import SAMPLED, sampled_pores
+from runout.config.release_laws import OwnLaws
 from runout.config.stated_at import stated_at
 from runout.errors import DemError
 from runout.io import source_code
@@ -200,10 +201,12 @@ def _least_friction(settings: "SiteSettings", file: Path, terrain: "Terrain", re
     from runout.model.basal_strength import least_angle, strengths
 
     sampled, friction = settings.ensemble.parameters, SiteFriction(settings)
-    lowest = {name: sampled[name].support()[0] for name in sampled_ranges(friction.law) if name in sampled}
-    of_material = (name for name in ("friction_angle_deg", "cohesion") if name in sampled)
-    weakest = material(settings, {name: sampled[name].support()[0] for name in of_material})
-    strength = strengths([r.material or weakest for r in releases], grid_spacing(settings, releases)[2])
+    weak = "friction_angle_deg", "cohesion"
+    low = {name: d.support()[0] for name, d in sampled.items()}
+    lowest = {name: value for name, value in low.items() if name in sampled_ranges(friction.law) or OF_RELEASE + PREFIX in name}
+    of_material = {name: value for name, value in low.items() if name.rpartition(OF_RELEASE)[2] in weak}
+    weakest, own = material(settings, of_material), OwnLaws(settings).under(releases, of_material)
+    strength = strengths([r.material or weakest for r in own], grid_spacing(settings, releases)[2])
     try:
         zones = read_zones(settings, file, terrain)
     except ZoneError:  # no zone lies within this extent; SiteFiles.zones reports faults on the final extent

@@ -3,15 +3,13 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import ValidationInfo, create_model
+from pydantic import BeforeValidator, SerializeAsAny, ValidationInfo
 
-from runout.config.declared import declared_fields, sampled_in
-from runout.config.distributions import Settings, quantity, refuse
+from runout.config.declared import sampled_in
+from runout.config.distributions import quantity
 from runout.config.law_block import LawBlock, LawSettings
-from runout.config.wording import shown
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.limits import Range
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
 
     Mass = TypeVar("Mass", Release, Inflow)
 
+OF_RELEASE = "."  # between the name of a release and the key of a parameter that is sampled for it; names have none
 PREFIX = "basal_"  # of the parameters of friction among those of an ensemble
 ANGLE = "basal_friction_angle_deg"  # short form of the parameter of the default law
 KEY = "basal_friction"
@@ -50,6 +49,12 @@ class FrictionSettings(LawSettings):
 BLOCK: LawBlock[FrictionLaw] = LawBlock(FRICTIONS, DEFAULT_FRICTION, FrictionSettings)
 
 
+def own_sample(sample: Mapping[str, float], release: str) -> dict[str, float]:
+    """What a member samples for one release alone, by the keys of its laws."""
+    start = release + OF_RELEASE
+    return {key.removeprefix(start): value for key, value in sample.items() if key.startswith(start)}
+
+
 def stated_law(site: Any) -> FrictionLaw | None:
     """The law of friction of a site.yaml as it is stated; None if it names none that is known."""
     block = site.get(KEY) if isinstance(site, dict) else None
@@ -62,42 +67,18 @@ def sampled_ranges(law: FrictionLaw | None = None) -> dict[str, Range]:
     return {PREFIX + key: valid for each in laws for key, valid in sampled_in(each.parameters).items()}
 
 
-@cache
-def own_model(law: FrictionLaw) -> type[Settings]:
-    """Settings of parameters that a release or a zone states in the place of those of the site; each may be left out."""
-    fields: dict[str, Any] = {}
-    for key, (kind, field) in declared_fields(law.parameters).items():
-        fields[key] = (Annotated[kind | None, field], None)
-    return create_model(f"Own{law.friction.__name__}", __base__=Settings, **fields)
+own_model = BLOCK.own_model
 
 
-def own_parameters(attributes: bool) -> Callable[[Any, ValidationInfo], Any]:
-    """Check of a block of own parameters; with ``attributes`` a value may be the name of one.
+def own_friction(attributes: bool) -> Callable[[Any, ValidationInfo], Any]:
+    """Check of the friction of a release, or with ``attributes`` of a zone: :meth:`LawBlock.own_settings`.
 
-    The context of the validation may hold the ``friction`` law; that of the parameters counts otherwise.
+    The context of the validation may hold the ``friction`` law of the site.
     """
-
-    def checked(block: Any, info: ValidationInfo) -> Any:
-        if not isinstance(block, dict):
-            raise refuse(f"{shown(block)}; a block is needed", "write {parameter: value, ...}")
-        if not block:
-            raise refuse("states no parameter", "add one of its law, or remove it")
-        law = (info.context or {}).get("friction") or _law_with(block)
-        fields = own_model(law).model_fields
-        named = {key for key, value in block.items() if attributes and isinstance(value, str) and key in fields}
-        numbers = own_model(law).model_validate({key: value for key, value in block.items() if key not in named})
-        empty = next((key for key, value in block.items() if value is None), None)
-        if empty is not None:
-            raise refuse("has no value; a number is needed", "write it, or remove the key", empty)
-        return {key: value if key in named else getattr(numbers, key) for key, value in block.items()}
-
-    return checked
+    return lambda block, info: BLOCK.own_settings(block, (info.context or {}).get("friction"), attributes=attributes)
 
 
-def _law_with(block: Mapping[str, Any]) -> FrictionLaw:
-    """The known law that has the parameters of a block; the default where none has."""
-    having = (law for law in FRICTIONS.known() if set(block) <= {p.key for p in law.parameters})
-    return next(having, FRICTIONS.find(DEFAULT_FRICTION))
+OwnFriction = Annotated[SerializeAsAny[FrictionSettings] | dict[str, float], BeforeValidator(own_friction(attributes=False))]
 
 
 @dataclass(frozen=True)
@@ -108,9 +89,16 @@ class SiteFriction:
 
     @property
     def law(self) -> FrictionLaw:
-        """The law."""
+        """The law of the releases that have none of their own."""
         block = self.settings.basal_friction
         return FRICTIONS.find(DEFAULT_FRICTION if block is None else block.law)
+
+    @property
+    def laws(self) -> tuple[FrictionLaw, ...]:
+        """The laws that releases and inflows follow."""
+        own = [mass.basal_friction for mass in self.masses.values()]
+        names = [f.law if isinstance(f, FrictionSettings) else self.law.name for f in own]
+        return tuple(FRICTIONS.find(name) for name in dict.fromkeys(names or [self.law.name]))
 
     @property
     def _block(self) -> FrictionSettings:
@@ -130,14 +118,28 @@ class SiteFriction:
         found = self.arguments(sample)
         return found["basal_friction"] if "basal_friction" in found else math.radians(found["basal_friction_angle"])
 
-    def under(self, releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
-        """The releases or inflows with what site.yaml states for each; the other parameters of the law are those of a member."""
+    @property
+    def masses(self) -> "dict[str, ReleaseSettings | InflowSettings]":
+        """What site.yaml states of releases and inflows, by name."""
         stated: list[ReleaseSettings | InflowSettings] = [*self.settings.release, *(self.settings.inflow or [])]
-        own = {r.name: r.basal_friction for r in stated if r.basal_friction}
-        if not own or not {ANGLE, KEY} & self.settings.model_dump(include={ANGLE, KEY}, exclude_none=True).keys():
-            return list(releases)  # of a file that states no friction yet nothing more can be said
-        made = {name: self._block.sampled_friction(sample, values) for name, values in own.items()}
-        return [replace(r, basal_friction=made[r.name]) if r.name in made else r for r in releases]
+        return {mass.name: mass for mass in stated}
+
+    def under(self, releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
+        """The releases or inflows with what site.yaml states and a member samples for each; the rest is that of the site."""
+        stated = self.masses
+        own = [self.own(stated[r.name], sample) if r.name in stated else None for r in releases]
+        return [r if friction is None else replace(r, basal_friction=friction) for r, friction in zip(releases, own, strict=True)]
+
+    def own(self, release: Any, sample: Mapping[str, float]) -> BasalFriction | None:
+        """Friction that a release or inflow of the settings has in a member; None if it is that of the site."""
+        stated, sampled = release.basal_friction, own_sample(sample, release.name)
+        if isinstance(stated, FrictionSettings):
+            return stated.sampled_friction(sampled)
+        own = {key.removeprefix(PREFIX): value for key, value in sampled.items() if key.startswith(PREFIX)}
+        of_site = self.settings.model_dump(include={ANGLE, KEY}, exclude_none=True)
+        if not (stated or own) or not of_site:  # of a file that states no friction yet nothing more can be said
+            return None
+        return self._block.sampled_friction(sample, {**(stated or {}), **own})
 
     def of_releases(self, releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[BasalFriction | float]":
         """Friction under each release of a member, or its angle [rad]."""

@@ -7,13 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import AfterValidator, model_validator
 
 from runout.config import pore_pressure
 from runout.config.distributions import Settings, limited, plausible_degrees, quantity, refuse
 from runout.config.document import Document, read_document
 from runout.config.fetch import locate
-from runout.config.friction import ANGLE, KEY, own_parameters
+from runout.config.friction import ANGLE, KEY, OwnFriction
 from runout.config.pore_pressure import PorePressureSettings
 from runout.config.stated_at import Reading, read_each, stated_at, within_site
 from runout.errors import ConfigError
@@ -28,7 +28,6 @@ INFLOW = "inflow"
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 FACTOR, DELAY = "discharge_factor", "inflow_delay"
 SAMPLED: dict[str, Range] = {name: LIMITS[name] for name in (FACTOR, DELAY)}
-OwnFriction = Annotated[dict[str, float], BeforeValidator(own_parameters(attributes=False))]
 Degrees = Annotated[float, AfterValidator(plausible_degrees)]
 
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from typing import Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import create_model, model_validator
 
@@ -36,6 +36,7 @@ class LawBlock(Generic[AnyLaw]):
         self.registry: Registry[AnyLaw] = registry
         self.default, self.base = default, base
         self.settings_of = cache(self._settings_of)
+        self.own_model = cache(self._own_model_of)
 
     def _settings_of(self, law: AnyLaw) -> Any:
         """Settings of a block that follows a law."""
@@ -73,6 +74,44 @@ class LawBlock(Generic[AnyLaw]):
             message, _, fix = str(error).partition("; ")
             raise refuse(message, fix, "law") from None
         return self.settings_of(law).model_validate(block)
+
+    def own_settings(self, block: Any, site: AnyLaw | None, *, attributes: bool = False) -> Any:
+        """What a release or a zone states in the place of the site: settings of a law that it names, else numbers by key.
+
+        Parameters
+        ----------
+        block : object
+            A block that names a law is whole; one without a law has some parameters of that of the site.
+        site : RegisteredLaw or None
+            Law of the site; None if it is not known: that of the parameters counts.
+        attributes : bool
+            A value may be the name of an attribute, and no law may be named: zones change that of the mass.
+        """
+        if isinstance(block, self.base) or (isinstance(block, dict) and "law" in block and not attributes):
+            return self.validated(block)
+        if not isinstance(block, dict):
+            raise refuse(f"{shown(block)}; a block is needed", "write {parameter: value, ...}")
+        if not block:
+            raise refuse("states no parameter", "add one of its law, or remove it")
+        model = self.own_model(site or self._law_with(block))
+        named = {key for key, value in block.items() if attributes and isinstance(value, str) and key in model.model_fields}
+        numbers = model.model_validate({key: value for key, value in block.items() if key not in named})
+        empty = next((key for key, value in block.items() if value is None), None)
+        if empty is not None:
+            raise refuse("has no value; a number is needed", "write it, or remove the key", empty)
+        return {key: value if key in named else getattr(numbers, key) for key, value in block.items()}
+
+    def _own_model_of(self, law: AnyLaw) -> type[Settings]:
+        """Settings of parameters in the place of those of the site; each may be left out."""
+        fields: dict[str, Any] = {}
+        for key, (kind, field) in declared_fields(law.parameters).items():
+            fields[key] = (Annotated[kind | None, field], None)
+        return create_model(f"Own{law.declaration.__name__}", __base__=Settings, **fields)
+
+    def _law_with(self, block: Mapping[str, Any]) -> AnyLaw:
+        """The known law that has the parameters of a block; the default where none has."""
+        having = (law for law in self.registry.known() if set(block) <= {p.key for p in law.parameters})
+        return next(having, self.registry.find(self.default))
 
 
 class LawSettings(Settings):
@@ -112,8 +151,14 @@ def made(make: Callable[[], Any], parameters: Iterable[Parameter]) -> Any:
     try:
         return make()
     except InputError as error:
-        text = str(error)
-        for p in parameters:
-            text = re.sub(rf"\b{p.name}\b", p.key, text)
-        message, _, fix = text.partition("; ")
+        message, fix = in_keys(error, parameters)
         raise refuse(message, fix) from None
+
+
+def in_keys(error: InputError, parameters: Iterable[Parameter]) -> tuple[str, str]:
+    """Message and remedy of an error, with the names of parameters as they are in site.yaml."""
+    text = str(error)
+    for p in parameters:
+        text = re.sub(rf"\b{p.name}\b", p.key, text)
+    message, _, fix = text.partition("; ")
+    return message, fix

@@ -1,6 +1,6 @@
 """Settings of the material and of sampled parameters, derived from the declarations of the laws."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from typing import Annotated, Any
 
@@ -36,6 +36,7 @@ class MaterialSettings(LawSettings):
 
 
 BLOCK: LawBlock[Law] = LawBlock(LAWS, DEFAULT_LAW, MaterialSettings)
+KEY = "material"
 settings_of, known_law, validated_material = BLOCK.settings_of, BLOCK.known_law, BLOCK.validated
 
 
@@ -48,13 +49,18 @@ def sampled_ranges(
     return basal.sampled_ranges(friction) | OF_THE_RUN | bed.sampled_ranges(erosion) | of_material
 
 
+def own_material(block: Any, info: ValidationInfo) -> Any:
+    """Check of the material of a release: :meth:`LawBlock.own_settings`; the context may hold the ``law`` of the site."""
+    return BLOCK.own_settings(block, (info.context or {}).get("law"))
+
+
 @cache
 def _parameters(
-    law: Law | None, friction: FrictionLaw | None, erosion: ErosionLaw | None, starts: tuple[str, ...], _known: tuple[Any, ...]
-) -> type[Settings]:
+    law: Law | None, friction: FrictionLaw | None, erosion: ErosionLaw | None, own: tuple[tuple[str, Range], ...],
+    _known: tuple[Any, ...],
+) -> type[Settings]:  # fmt: skip
     """Settings model with a distribution for each parameter that may be sampled; ranges are those of the laws."""
-    ranges = sampled_ranges() | sampled_ranges(law, friction, erosion)
-    ranges |= {key: valid for key in starts if (valid := release_start.own_range(key))}
+    ranges = sampled_ranges() | sampled_ranges(law, friction, erosion) | dict(own)
     fields: dict[str, Any] = {
         key: (Annotated[Distribution, AfterValidator(partial(within_range, valid))] | None, None) for key, valid in ranges.items()
     }
@@ -62,25 +68,29 @@ def _parameters(
 
 
 def parameters_model(
-    law: Law | None = None, friction: FrictionLaw | None = None, erosion: ErosionLaw | None = None, keys: Iterable[Any] = ()
-) -> type[Settings]:
+    law: Law | None = None, friction: FrictionLaw | None = None, erosion: ErosionLaw | None = None,
+    own: Mapping[str, Range] | None = None,
+) -> type[Settings]:  # fmt: skip
     """Settings of ``ensemble.parameters`` for laws of material, friction and erosion; each field is a distribution.
 
-    Among some ``keys``, those that name the start of a release are fields, too.
+    ``own`` are the ranges of parameters of one release (:mod:`runout.config.release_laws`).
     """
-    starts = tuple(sorted(key for key in keys if isinstance(key, str) and release_start.own_range(key)))
-    return _parameters(law, friction, erosion, starts, (*LAWS.known(), *FRICTIONS.known(), *EROSIONS.known()))
+    return _parameters(law, friction, erosion, tuple((own or {}).items()), (*LAWS.known(), *FRICTIONS.known(), *EROSIONS.known()))
 
 
 def sampled_parameters(block: Any, info: ValidationInfo) -> Any:
     """Checked distributions of a block of parameters, by name. A value that is not a block is returned for the next check.
 
-    The context of the validation may hold the ``law``, the ``friction`` law and the ``erosion`` law whose ranges apply.
+    The context of the validation may hold the ``law``, the ``friction`` law and the ``erosion`` law whose ranges apply, and the
+    ranges of those of single releases, ``own``; without these, any known law has a parameter of a release.
     """
     if not isinstance(block, dict):
         return block
-    context = info.context or {}
-    checked = parameters_model(context.get("law"), context.get("friction"), context.get("erosion"), block).model_validate(block)
+    context, known = info.context or {}, sampled_ranges() | release_start.RANGES
+    own = {key: context.get("own", {}).get(key) or known.get(str(key).partition(basal.OF_RELEASE)[2]) for key in block}
+    of_releases = {key: valid for key, valid in own.items() if valid and basal.OF_RELEASE in key}
+    laws = context.get("law"), context.get("friction"), context.get("erosion")
+    checked = parameters_model(*laws, of_releases).model_validate(block)
     return {name: getattr(checked, name) for name in block}
 
 

@@ -7,6 +7,7 @@ from runout.config import bed, inflow
 from runout.config.friction import SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.pore_pressure import sampled_pores
+from runout.config.release_laws import OwnLaws, laws_of, own_ranges
 from runout.config.release_start import sampled_ranges as sampled_starts_of
 from runout.config.release_start import sampled_starts
 from runout.config.schema import SiteSettings
@@ -35,7 +36,7 @@ def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:
     if not sample:  # a site with an invalid material block has no material
         return {}
     ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
-    ranges |= sampled_starts_of(settings.release)
+    ranges |= own_ranges(laws_of(settings)) | sampled_starts_of(settings.release)
     unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
     if unknown:
         raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
@@ -48,19 +49,19 @@ def material(settings: SiteSettings, sample: Sample | None = None) -> "Material"
 
 
 def sampled_releases(settings: SiteSettings, releases: "Sequence[Release]", sample: Sample | None = None) -> "list[Release]":
-    """Releases that were read with a volume factor of 1, with the friction of site.yaml and the sampled volume."""
+    """Releases that were read with a volume factor of 1, with their own laws of site.yaml and the sampled volume."""
     parameters = sampled(settings, sample)
     factor = parameters.get("release_volume_factor", 1.0)
-    wetted = sampled_pores(SiteFriction(settings).under(releases, parameters), parameters)
+    wetted = sampled_pores(OwnLaws(settings).under(releases, parameters), parameters)
     return sampled_starts([r.scaled(factor) if factor != 1.0 else r for r in wetted], parameters)
 
 
 def sampled_inflows(settings: SiteSettings, inflows: "Sequence[Inflow]", sample: Sample | None = None) -> "list[Inflow]":
-    """Inflows that were read as stated, with the friction of site.yaml and the sampled discharge and delay."""
+    """Inflows that were read as stated, with their own laws of site.yaml and the sampled discharge and delay."""
     if not inflows:
         return []
     parameters = sampled(settings, sample)
-    wetted = sampled_pores(SiteFriction(settings).under(inflows, parameters), parameters)
+    wetted = sampled_pores(OwnLaws(settings).under(inflows, parameters), parameters)
     return inflow.of_member(wetted, parameters)
 
 

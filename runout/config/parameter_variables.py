@@ -1,10 +1,11 @@
 """Variables of the sampled parameters in tables of members, from the declarations of the laws."""
 
 import re
+from dataclasses import replace
 
 from runout.config import release_start
 from runout.config.bed import PREFIX as ERODES
-from runout.config.friction import PREFIX
+from runout.config.friction import OF_RELEASE, PREFIX
 from runout.errors import ConfigError
 from runout.model.erosion_laws import EROSIONS
 from runout.model.friction_laws import FRICTIONS
@@ -16,11 +17,17 @@ from runout.variables import VARIABLES, Variable
 def parameter_variable(name: str) -> Variable:
     """Unit and name of a column of the table of members: of :data:`VARIABLES`, or of the parameter of a law with that key.
 
+    A parameter of one release (:mod:`runout.config.release_laws`) has the unit of that parameter.
+
     Raises
     ------
     ConfigError
         If there is none.
     """
+    release, dot, parameter = name.partition(OF_RELEASE)
+    if dot:  # of one release
+        variable = parameter_variable(parameter)
+        return replace(variable, long_name=f"release {release}, {variable.long_name}", standard_name=None)
     if name in VARIABLES:
         return VARIABLES[name]
     if valid := release_start.own_range(name):

@@ -9,10 +9,13 @@ from pydantic.fields import FieldInfo
 from runout.config import bed
 from runout.config.distributions import DISTRIBUTIONS
 from runout.config.document import Document, Location, dotted
-from runout.config.friction import BLOCK, KEY, PREFIX, own_model, stated_law
+from runout.config.friction import BLOCK, KEY, OF_RELEASE, PREFIX, own_model, stated_law
 from runout.config.law_block import LawSettings
+from runout.config.material import BLOCK as MATERIAL_BLOCK
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
-from runout.config.schema import SimulationSettings, SiteSettings
+from runout.config.release_laws import names_law, own_ranges, stated_laws
+from runout.config.release_start import stated_ranges as starts_of
+from runout.config.schema import ReleaseSettings, SimulationSettings, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 from runout.model.parameters import AUTO
@@ -20,6 +23,7 @@ from runout.model.parameters import AUTO
 CHOSEN: dict[str, Any] = {  # models of the tags of tagged unions
     **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
 }
+OF_RELEASES: dict[Any, Any] = {"material": MATERIAL_BLOCK, KEY: BLOCK}  # blocks of a release that may have a law of their own
 WANTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -78,16 +82,29 @@ def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel],
         elif isinstance(part, str):
             field = model.model_fields.get(part)
             inner = inner_model(field.annotation) if field else None
-            model = _model_of_laws(part, model, document) or inner or model
+            of_release = _model_of_release(location, part, document) if model is ReleaseSettings else None
+            model = of_release or _model_of_laws(part, model, document) or inner or model
     return model, field
+
+
+def _model_of_release(location: Location, part: str, document: Document) -> type[BaseModel] | None:
+    """The model of material or friction of a release: of the law that it names, else that of parameters of the site's law."""
+    if part not in OF_RELEASES:
+        return None
+    block, of_site = OF_RELEASES[part], document.value((part,)) or ({} if part == KEY else None)
+    own = document.value((*(p for p in location[: location.index(part)] if not _is_mark(p)), part))
+    law = block.known_law(own if names_law(own) else of_site)
+    if law is None:
+        return None
+    return block.settings_of(law) if names_law(own) else block.own_model(law)  # type: ignore[no-any-return]
 
 
 def _model_of_laws(part: str, model: type[BaseModel], document: Document) -> type[BaseModel] | None:
     """The model of a key that depends on the laws of a file; None for any other key."""
     law, friction, erosion = known_law(document.value(("material",))), stated_law(document.values), bed.stated_law(document.values)
     if part == "parameters":
-        sampled = document.value(("ensemble", "parameters"))
-        return parameters_model(law, friction, erosion, sampled if isinstance(sampled, dict) else ())
+        own = own_ranges(stated_laws(document.values)) | starts_of(document.values)
+        return parameters_model(law, friction, erosion, own)
     if part == bed.EROSION and model is bed.BedSettings:
         return bed.BLOCK.settings_of(erosion) if erosion else None  # type: ignore[no-any-return]
     if part == "material":
@@ -115,12 +132,16 @@ def _unknown_fix(location: Location, model: type[BaseModel], document: Document)
     word, fields = str(location[-1]), _possible(location, model, document)
     if model is SimulationSettings and word in TAKEN_AWAY:
         return f"it was taken away; {TAKEN_AWAY[word]}"
+    if OF_RELEASE in word and location[:-1] == ("ensemble", "parameters"):
+        names = ", ".join(stated_laws(document.values))
+        return f"write RELEASE{OF_RELEASE}PARAMETER with a release ({names}) and a parameter of its laws"
     long = word.removeprefix(f"{KEY}_")  # also with the name of the block before it
     near = next((key for key in fields if {PREFIX + word, PREFIX + long, word.removeprefix(PREFIX)} & {key}), None)
     near = near or nearest(word, fields)
     if near:
         return f"did you mean {near!r}?"
-    laws = _laws_with(word, model)
+    block = OF_RELEASES.get(location[-2]) if len(location) > 1 and not issubclass(model, LawSettings) else None
+    laws = _laws_with(word, block.base if block else model)
     if laws:
         return f"it belongs to law: {laws[0]}; state that law, or remove the key"
     inside = [dotted((*location[:-1], key)) for key, inner in _blocks_of(model).items() if word in inner.model_fields]

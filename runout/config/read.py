@@ -11,9 +11,11 @@ from pydantic import ValidationError
 from runout.config import bed, inflow, release_start
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
+from runout.config.law_block import in_keys
 from runout.config.material import foreign_parameters, known_law
 from runout.config.pore_pressure import unused_samples
 from runout.config.problems import problems_of
+from runout.config.release_laws import OwnLaws, idle_parameters, laws_of, names_law, own_ranges, stated_laws, unknown_own
 from runout.config.schema import (
     SAMPLE_DEMS,
     SiteSettings,
@@ -27,11 +29,12 @@ from runout.config.schema import (
 from runout.config.site_files import named_inputs
 from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
-from runout.errors import ConfigError, Problem
+from runout.errors import ConfigError, InputError, Problem
 from runout.io.boundary import exists, names_in
 from runout.io.georeference import file_named_by
 from runout.io.regular import kind_of
 from runout.io.source_kinds import file_in
+from runout.model.friction_laws import DEFAULT_FRICTION
 
 FILE_NAME = "site.yaml"
 MOST_NAMES, LONGEST_NAME = 1000, 255  # names of a folder that are compared with a missing one; characters of a name
@@ -54,10 +57,12 @@ def load(path: Path | str) -> SiteSettings:
         try:
             laws: dict[str, Any] = {"law": known_law(document.value(("material",))), "friction": stated_law(document.values)}
             laws["erosion"] = bed.stated_law(document.values)
+            laws["own"] = own_ranges(stated_laws(document.values)) | release_start.stated_ranges(document.values)
             settings = SiteSettings.model_validate(document.values, context=laws)
         except ValidationError as error:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_unusable_files(document, file.parent), *_coordinate_system(document)]
+        problems += _unfit_releases(document, settings) if settings and not problems else []
         told = {problem.key for problem in document.problems}
         problems = document.problems + [problem for problem in problems if problem.key not in told]
     elif not problems:
@@ -131,7 +136,7 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         yield document.problem(("release", i, key), message, fix)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
         yield from _problems(document, ("terrain", "friction_zones", i), zone_conflicts(_stated(zone)) if zone else ())
-        yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
+        yield from _zone_of_laws(document, ("terrain", "friction_zones", i), zone)
     for i, structure in enumerate(_blocks(document, ("structures",))):
         yield from _problems(document, ("structures", i), structure_conflicts(_stated(structure)))
     for i, first in repeated_structures(_blocks(document, ("structures",))):
@@ -147,6 +152,22 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     yield from _problems(document, ("ensemble", "parameters"), release_start.foreign_parameters(document.values, sampled))
     foreign = foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)
     yield from _problems(document, ("ensemble", "parameters"), foreign)
+    for own in (unknown_own, idle_parameters):
+        yield from _problems(document, ("ensemble", "parameters"), own(document.values, sampled))
+
+
+def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Problem]:
+    """Parameters of a release that make no material or friction with the others of the site."""
+    own = OwnLaws(settings)
+    of_masses = laws_of(settings)
+    for i, release in enumerate(settings.release):
+        laws = of_masses[release.name]
+        blocks: Any = ("material", own.material_of, laws[0]), (KEY, own.friction_of, laws[1])
+        for key, make, law in blocks:
+            try:
+                make(release, {})
+            except InputError as error:
+                yield document.problem(("release", i, key), *in_keys(error, law.parameters))
 
 
 def _stated(block: Any) -> dict[str, Any]:
@@ -170,18 +191,32 @@ def _rasters_of_law(document: Document, stated: dict[str, Any]) -> Iterator[Prob
             yield document.problem(("terrain", "friction_rasters", key), message, choice_fix(key, keys))
 
 
+def _zone_of_laws(document: Document, place: Location, zone: dict[str, Any]) -> Iterator[Problem]:
+    """A friction angle of a zone that the law of the site or of a release does not have."""
+    yield from _own_friction(document, place, zone, {})
+    site = stated_law(document.values)
+    for name, (_, law) in stated_laws(document.values).items() if ANGLE in zone else ():
+        if law and law is not site and ANGLE not in sampled_ranges(law):
+            message = f"release {name} follows the friction law {law.name}, which has no friction angle"
+            yield document.problem((*place, ANGLE), message, "write factor, which multiplies the coefficients of any law")
+            return
+
+
 def _own_friction(document: Document, place: Location, given: dict[str, Any], sampled: dict[str, Any]) -> Iterator[Problem]:
-    """Friction of a release or a zone that the law of the site does not have, or that the ensemble samples too."""
-    law, own = stated_law(document.values), given.get(KEY)
+    """Friction of a release or a zone that the law of the site does not have; what the ensemble samples too, also of a material."""
+    law = stated_law(document.values)
     if ANGLE in given and law and ANGLE not in sampled_ranges(law):
         names = ", ".join(p.key for p in law.parameters)
         message = f"the friction law {law.name} has no friction angle"
-        yield document.problem((*place, ANGLE), message, f"write {KEY}: {{...}} with parameters of that law: {names}")
+        other = f", or {KEY}: {{law: {DEFAULT_FRICTION}, friction_angle_deg: ...}}" if place[0] == "release" else ""
+        yield document.problem((*place, ANGLE), message, f"write {KEY}: {{...}} with parameters of that law: {names}{other}")
     if ANGLE in given and ANGLE in sampled:
         yield document.problem((*place, ANGLE), "the ensemble samples this angle too", "remove one of the two")
-    for key in own if isinstance(own, dict) else ():
-        if f"{PREFIX}{key}" in sampled:
-            yield document.problem((*place, KEY, key), "the ensemble samples this parameter too", "remove one of the two")
+    for block, prefix in ((KEY, PREFIX), ("material", "")):
+        own = given.get(block)
+        for key in own if isinstance(own, dict) and not names_law(own) else ():
+            if f"{prefix}{key}" in sampled:
+                yield document.problem((*place, block, key), "the ensemble samples this parameter too", "remove one of the two")
 
 
 def _overlays(document: Document, key: str) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Discriminator, Field, Tag
 
 from runout.config.distributions import Settings, limited, quantity, shape
+from runout.config.friction import OF_RELEASE
 from runout.config.quantities import within
 from runout.config.wording import choice_fix
 from runout.model.limits import LIMITS, Range, is_number
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 TIME, VELOCITY, TRIGGER = "start_time", "velocity", "starts_when"
 KEYS = (TIME, VELOCITY, TRIGGER)
-TIME_OF, SPEED_OF = "start_time_", "start_speed_"  # with the name of a release: parameters of an ensemble
-RANGES: dict[str, Range] = {TIME_OF: LIMITS["start_time"], SPEED_OF: LIMITS["release_speed"]}
+SPEED = "start_speed"  # of a release, a parameter of an ensemble as is the time
+RANGES: dict[str, Range] = {TIME: LIMITS["start_time"], SPEED: LIMITS["release_speed"]}
 
 
 class ArrivalSettings(Settings):
@@ -77,21 +78,33 @@ def start_of(settings: Any) -> dict[str, Any]:
     return start
 
 
+def key_of(release: str, parameter: str) -> str:
+    """Key under which an ensemble samples a parameter of one release."""
+    return release + OF_RELEASE + parameter
+
+
 def own_range(key: str) -> Range | None:
     """Range of a sampled start time or speed of a release, by its key; None for other parameters."""
-    return next((valid for prefix, valid in RANGES.items() if key.startswith(prefix) and key != prefix), None)
+    name, _, parameter = key.partition(OF_RELEASE)
+    return RANGES.get(parameter) if name else None
 
 
 def words_of(key: str) -> str:
     """What a sampled parameter with :func:`own_range` is."""
-    what, prefix = ("start time", TIME_OF) if key.startswith(TIME_OF) else ("speed at the start", SPEED_OF)
-    return f"{what} of release {key.removeprefix(prefix)}"
+    name, _, parameter = key.partition(OF_RELEASE)
+    return f"{'start time' if parameter == TIME else 'speed at the start'} of release {name}"
 
 
 def sampled_ranges(releases: Sequence[Any]) -> dict[str, Range]:
     """Range of what an ensemble may sample of the start of releases, by its key, from their settings."""
-    times = {TIME_OF + r.name: RANGES[TIME_OF] for r in releases if r.starts_when is None}
-    return times | {SPEED_OF + r.name: RANGES[SPEED_OF] for r in releases if not isinstance(r.velocity, list)}
+    times = {key_of(r.name, TIME): RANGES[TIME] for r in releases if r.starts_when is None}
+    return times | {key_of(r.name, SPEED): RANGES[SPEED] for r in releases if not isinstance(r.velocity, list)}
+
+
+def stated_ranges(site: Any) -> dict[str, Range]:
+    """The same of a site.yaml as it is stated, for every release."""
+    names = [str(release.get("name", "release")) for release in _releases(site)]
+    return {key_of(name, parameter): valid for name in names for parameter, valid in RANGES.items()}
 
 
 def sampled_starts(releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[Release]":
@@ -103,11 +116,11 @@ def _with_sample(release: "Release", sample: Mapping[str, float]) -> "Release":
     from runout.model.release_start import StartVelocity
 
     changes: dict[str, Any] = {}
-    if TIME_OF + release.name in sample:
-        changes[TIME] = sample[TIME_OF + release.name]
-    if SPEED_OF + release.name in sample:
+    if (key := key_of(release.name, TIME)) in sample:
+        changes[TIME] = sample[key]
+    if (key := key_of(release.name, SPEED)) in sample:
         stated = release.velocity if isinstance(release.velocity, StartVelocity) else StartVelocity(0.0)
-        changes[VELOCITY] = replace(stated, speed=sample[SPEED_OF + release.name])
+        changes[VELOCITY] = replace(stated, speed=sample[key])
     return replace(release, **changes) if changes else release
 
 
@@ -135,18 +148,16 @@ def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[
     releases = {str(release.get("name", "release")): release for release in _releases(site)}
     simulation = site.get("simulation") if isinstance(site, dict) else None
     end = simulation.get("end_time") if isinstance(simulation, dict) else None
-    for key in sampled:
-        prefix = next((p for p in RANGES if key.startswith(p) and key != p), None)
-        if prefix is None:
-            continue
-        name = key.removeprefix(prefix)
-        if name not in releases:
-            yield key, f"no release is called {name!r}", choice_fix(key, [prefix + other for other in releases])
-        elif prefix == TIME_OF and releases[name].get(TRIGGER) is not None:
+    for key in filter(own_range, sampled):
+        name, _, parameter = key.partition(OF_RELEASE)
+        release = releases.get(name)
+        if release is None:
+            yield key, f"no release is called {name!r}", choice_fix(key, [key_of(other, parameter) for other in releases])
+        elif parameter == TIME and release.get(TRIGGER) is not None:
             yield key, f"release {name} {TRIGGER} the flow of another arrives, not at a time", "remove one of the two"
-        elif prefix == SPEED_OF and isinstance(releases[name].get(VELOCITY), list):
+        elif parameter == SPEED and isinstance(release.get(VELOCITY), list):
             yield key, f"the velocity of release {name} has three components", f"state {VELOCITY}: {{speed, azimuth_deg}}"
-        elif prefix == TIME_OF and (latest := _largest(sampled[key])) >= (last := _number(end, math.inf)):
+        elif parameter == TIME and (latest := _largest(sampled[key])) >= (last := _number(end, math.inf)):
             yield key, f"it can give {latest:g} s; the run ends at {last:g} s", "narrow it, or set simulation.end_time later"
 
 

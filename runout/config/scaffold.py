@@ -267,7 +267,9 @@ def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> It
         value = values.get(name)
         block = {"material": BLOCK, "basal_friction": FRICTION_BLOCK, "erosion": EROSION_BLOCK}.get(name)
         named = block and isinstance(value, dict) and "law" in value
-        inner = block.settings_of(block.known_law(value)) if block and named else inner_model(field.annotation)  # type: ignore[attr-defined]
+        inner: Any = None if block else inner_model(field.annotation)  # a block without a law holds some parameters
+        if block and named:
+            inner = block.settings_of(block.known_law(value))  # type: ignore[attr-defined]
         if value is None:
             yield f"{indent}# {name}: {_example(field)}".rstrip()
         elif name == "parameters":

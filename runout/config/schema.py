@@ -8,12 +8,19 @@ from pydantic import BeforeValidator, SerializeAsAny, model_validator
 from runout.config.bed import SETTINGS as BED
 from runout.config.bed import BedSettings
 from runout.config.distributions import Distribution, Settings, limited, quantity, refuse
-from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
+from runout.config.friction import ANGLE, KEY, FrictionSettings, OwnFriction, own_friction
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
 from runout.config.inflow import SETTINGS as INFLOW
 from runout.config.inflow import InflowSettings
-from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
+from runout.config.material import (
+    DEFAULT_LAW,
+    MaterialSettings,
+    own_material,
+    sampled_parameters,
+    sampled_ranges,
+    validated_material,
+)
 from runout.config.observations import OBSERVATIONS, ObservationSettings
 from runout.config.pore_pressure import PorePressureSettings
 from runout.config.probes import PROBES, ProbeSettings
@@ -43,8 +50,8 @@ LONGEST_TEXT = 500  # characters of a text of the metadata
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
-OwnFriction = Annotated[dict[str, float], BeforeValidator(own_parameters(attributes=False))]
-ZoneFriction = Annotated[dict[str, float | str], BeforeValidator(own_parameters(attributes=True))]
+OwnMaterial = Annotated[SerializeAsAny[MaterialSettings] | dict[str, float | bool | str], BeforeValidator(own_material)]
+ZoneFriction = Annotated[dict[str, float | str], BeforeValidator(own_friction(attributes=True))]
 
 
 def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
@@ -251,7 +258,14 @@ class ReleaseSettings(Settings):
         "friction angle under this mass only, or the attribute of the polygons that holds it", None, unit="deg", examples=[15.0]
     )
     basal_friction: OwnFriction | None = quantity(
-        "parameters of the law of friction under this mass only", None, examples=[{"friction_angle_deg": 15.0}]
+        "friction under this mass only: some parameters of the law of the site, or a law of its own with all of its parameters",
+        None,
+        examples=[{"law": DEFAULT_FRICTION, "friction_angle_deg": 15.0}],
+    )
+    material: OwnMaterial | None = quantity(
+        "material of this mass only: some parameters of the law of the site, or a law of its own with all of its parameters",
+        None,
+        examples=[{"law": DEFAULT_LAW, "friction_angle_deg": 28.0}],
     )
     pore_pressure: PorePressureSettings | None = quantity(
         "pore pressure of this mass, which drains while it flows: ratio, saturation, and diffusivity or decay_time",
@@ -343,8 +357,8 @@ class EnsembleSettings(Settings):
     )
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
-        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); of "
-        "a release NAME start_time_NAME and start_speed_NAME; "
+        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); "
+        "of one release alone as RELEASE.parameter, also RELEASE.start_time and RELEASE.start_speed; "
         "each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},

@@ -1,6 +1,6 @@
 """A site: its folder, its settings and its input files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +9,7 @@ from runout.config import member_arguments as of_members
 from runout.config.friction import SiteFriction
 from runout.config.overrides import on_device
 from runout.config.read import load, site_file
+from runout.config.release_laws import OwnLaws, laws_of
 from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles, may_hold_bodies
 from runout.config.structures import COMPUTED_WITHOUT
@@ -139,6 +140,13 @@ class Site:
         """The material; sampled parameters replace the stated ones."""
         return of_members.material(self.settings, sample)
 
+    def materials(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None = None) -> "list[Material]":
+        """The material of each of some releases in a member."""
+        parameters = of_members.sampled(self.settings, sample)
+        own = OwnLaws(self.settings).under(releases, parameters)
+        of_site = self.material(sample)
+        return [r.material or of_site for r in own]
+
     @property
     def friction(self) -> SiteFriction:
         """Basal friction of members and releases."""
@@ -193,6 +201,11 @@ class Site:
             content["material"]["source"] = law.source
         if self.friction.law.source:
             content["basal_friction"]["source"] = self.friction.law.source
+        for stated, laws in zip([*content["release"], *content.get("inflow", ())], laws_of(self.settings).values(), strict=True):
+            sources = {"material": laws[0].source, "basal_friction": laws[1].source}
+            for key, source in sources.items():
+                if source and "law" in stated.get(key, {}):
+                    stated[key]["source"] = source
         if self.settings.bed and (source := EROSIONS.find(content["bed"]["erosion"]["law"]).source):
             content["bed"]["erosion"]["source"] = source
         for structure in content.get("structures", ()):

@@ -8,7 +8,7 @@ backends and formulas, laws, settings. A note that cannot be read or written cou
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -100,8 +100,13 @@ def _version(package: str) -> str:
 
 
 def laws_of(arguments: Mapping[str, Any]) -> list[str]:
-    """Checksums of the laws of a run with these arguments of :func:`runout.simulate`."""
-    return [LAWS.find(arguments["material"].law).fingerprint, friction_fingerprint(arguments.get("basal_friction"))]
+    """Checksums of the laws of a run with these arguments of :func:`runout.simulate`: those of the run, and of releases."""
+    release = arguments.get("release", ())
+    own = [r for r in (release if isinstance(release, Sequence) else [release]) if r.material or r.basal_friction]
+    of_run = [LAWS.find(arguments["material"].law).fingerprint, friction_fingerprint(arguments.get("basal_friction"))]
+    of_releases = {LAWS.find(r.material.law).fingerprint for r in own if r.material}
+    of_releases |= {friction_fingerprint(r.basal_friction) for r in own if r.basal_friction}
+    return [*of_run, *sorted(of_releases - set(of_run))]
 
 
 def friction_fingerprint(basal: "BasalFriction | None") -> str:

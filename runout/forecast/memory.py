@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -39,6 +39,7 @@ class Extent:
     """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU).
 
     ``mixed``: releases whose frictions differ, 1 if all are alike. ``wet``: releases, if any has pore pressure, else 0.
+    ``friction``: the law on the ground, or the mixture of those that releases follow; None if it is not known.
     """
 
     particles: int
@@ -48,6 +49,7 @@ class Extent:
     nodes_on_device: int
     mixed: int = 1
     wet: int = 0
+    friction: FrictionLaw | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def expected_memory(
         A GPU backend gives its own numbers; otherwise those of scan are used.
     structures : Structures, optional
     friction : BasalFriction or FrictionLaw, optional
-        The law on the ground.
+        The law on the ground, if ``extent`` does not hold it.
     host_bytes : callable
         Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
 
@@ -136,7 +138,7 @@ def expected_memory(
     on_device = device is not None and bool(device.is_cuda)
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
     field = structures.field if structures else None
-    precision = scheme.precision
+    precision, friction = scheme.precision, extent.friction or friction
     if on_device:
         sizes = extent.particles, extent.nodes_on_device
         backend = bytes_on_device(*sizes, precision, field, friction, extent.mixed, scheme.substeps)
@@ -186,7 +188,9 @@ def with_births(
     from runout.release.sample import particles_per_axis
     from runout.terrain.prepare import reachable
 
-    angle = math.atan(friction.least) if isinstance(friction, BasalFriction) else math.radians(friction)
+    basal = friction if isinstance(friction, BasalFriction) else math.radians(friction)
+    under = [r.friction_on(basal) for r in releases]
+    angle = min(math.atan(f.least) if isinstance(f, BasalFriction) else f for f in under)
     terrain = releases[0].terrain
     reached = reachable(terrain, np.sum([r.thickness for r in releases], axis=0), angle)
     volume = float((bed.depth_on(terrain, releases) * reached).sum() * terrain.cell_area)

@@ -7,7 +7,7 @@ member notes what its steps took (:class:`StepTimer`), for the forecasts of the 
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from runout.backends.protocol import get_backend
 from runout.forecast import engine_notes
 from runout.forecast.engine_notes import StepCost
+from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
 from runout.model.numerics import Scheme
 from runout.model.particles import Particles
@@ -95,13 +96,32 @@ def _timed(arguments: Mapping[str, Any], cells: int) -> Timing:
 
 
 def _scene(arguments: Mapping[str, Any], cells: int) -> Scene:
-    """A plane that falls to the east."""
+    """A plane that falls to the east, for masses of each law of the run."""
     spacing, side = spacing_of(arguments["cell_size"]), 2 * cells
     x = np.arange(side + 1) * spacing[0]
     surface = Surface.through(np.repeat(SLOPE * (x[-1] - x)[:, None], side + 1, axis=1), spacing[:2])
-    material = arguments["material"].chosen(math.sqrt(STANDARD_GRAVITY * x[-1]), spacing[2], STANDARD_GRAVITY)
-    friction = arguments.get("basal_friction") or math.tan(math.radians(arguments["basal_friction_angle"]))
-    return Scene(spacing, surface, Raster(side, side, spacing[:2]), (material,), (friction,), **Scheme.of(arguments).scheme())
+    materials, frictions = _laws(arguments)
+    chosen = tuple(m.chosen(math.sqrt(STANDARD_GRAVITY * x[-1]), spacing[2], STANDARD_GRAVITY) for m in materials)
+    return Scene(spacing, surface, Raster(side, side, spacing[:2]), chosen, frictions, **Scheme.of(arguments).scheme())
+
+
+def _laws(arguments: Mapping[str, Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Materials and frictions of the releases, one of each pair of laws; of a run with one law those of the run."""
+    basal = arguments.get("basal_friction") or math.radians(arguments["basal_friction_angle"])
+    release = arguments.get("release", ())
+    releases = release if isinstance(release, Sequence) else [release]
+    pairs = [(r.material or arguments["material"], r.friction_on(basal)) for r in releases]
+    of_run = arguments["material"], basal
+    by_law = {_names(pair): pair for pair in pairs or [of_run]}
+    if _names(of_run) in by_law:
+        by_law[_names(of_run)] = of_run
+    materials, frictions = zip(*by_law.values(), strict=True)
+    return materials, tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
+
+
+def _names(pair: tuple[Any, Any]) -> tuple[str, str]:
+    """Laws of a material, and of a friction or its angle [rad]."""
+    return pair[0].law, getattr(pair[1], "law", DEFAULT_FRICTION)
 
 
 def _layer(scene: Scene, cells: int) -> Particles:
@@ -114,7 +134,8 @@ def _layer(scene: Scene, cells: int) -> Particles:
     place[:, 2] += scene.surface.elevation(place[:, 0], place[:, 1])
     p = Particles.at(place, spacing)
     p.volume[:] = np.prod(spacing / PER_CELL)
-    p.mass[:], p.radius[:] = p.volume * scene.materials[0].density, 0.125 * spacing[2] / PER_CELL[2]
+    p.release[:] = np.arange(len(p)) % len(scene.materials)
+    p.mass[:], p.radius[:] = p.volume * scene.densities[p.release], 0.125 * spacing[2] / PER_CELL[2]
     return p
 
 

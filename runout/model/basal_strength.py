@@ -7,6 +7,7 @@ import numpy as np
 
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
+from runout.model.friction_laws import numbers_of
 from runout.model.materials import Material
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Scene
@@ -49,6 +50,21 @@ def sentences(scene: Scene, names: Sequence[str]) -> Iterator[str]:
         strongest = float(zones.coefficients(friction)[:, 0].max()) if zones else stated
         if strongest > strength:
             yield sentence(name, strongest, strength, in_zones=strongest > stated)
+
+
+def unchanged(frictions: Sequence[BasalFriction | float], names: Sequence[str], zones: FrictionZones | None) -> Iterator[str]:
+    """For each release, by ``names``, which parameters of zones and rasters its law of friction does not have.
+
+    ``frictions`` are those of the releases; a number stands for the default law.
+    """
+    laws = [numbers_of(f)[0] for f in frictions]
+    keys = {number: p.key for law in laws for number, p in zip(law.numbers, law.parameters, strict=True)}
+    stated = dict.fromkeys([*zones.replaced, *zones.gridded]) if zones else {}
+    for name, law in zip(names, laws, strict=True):
+        foreign = ", ".join(keys.get(number, number) for number in stated if number not in law.numbers)
+        if foreign:
+            said = f"the ground states {foreign}, which its friction law {law.name} does not have"
+            yield f"release {name}: {said}; it has no effect on it"
 
 
 def sentence(name: str, ground: float, strength: float, *, in_zones: bool = False) -> str:

@@ -59,7 +59,7 @@ class FrictionZones:
     replaced: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     gridded: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    _kinds: dict[str, Kinds] = field(default_factory=dict, init=False, repr=False, compare=False)  # by law, once asked for
+    _kinds: dict[str, Kinds] = field(default_factory=dict, init=False, repr=False, compare=False)  # by laws, once asked for
 
     def __post_init__(self) -> None:
         if self.factor.ndim != 2 or self.factor.shape != self.coefficient.shape:
@@ -147,11 +147,12 @@ class FrictionZones:
             factor, own = factor * kept, factor * mine + own
         return factor, own
 
-    def kinds(self, law: FrictionLaw) -> Kinds:
-        """The kinds of ground that there are for a law of friction."""
-        if law.name not in self._kinds:
-            self._kinds[law.name] = Kinds.of([self.changes_of(law, name) for name in law.numbers])
-        return self._kinds[law.name]
+    def kinds(self, *laws: FrictionLaw) -> Kinds:
+        """The kinds of ground that there are for laws of friction; numbers of several laws are one behind the other."""
+        key = " ".join(law.name for law in laws)
+        if key not in self._kinds:
+            self._kinds[key] = Kinds.of([self.changes_of(law, name) for law in laws for name in law.numbers])
+        return self._kinds[key]
 
     def coefficients(self, friction: BasalFriction | float) -> np.ndarray:
         """Friction coefficients (kinds, n) [1], those at rest first, of a mass on cells of every kind there is."""

@@ -50,6 +50,11 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
         return self.friction.uses_area
 
     @property
+    def starts_differ(self) -> bool:
+        """Whether contacts of some masses only start from the force of the step before at any speed, see :attr:`uses_area`."""
+        return len({law.uses_area for law in self.laws}) > 1
+
+    @property
     def drags_column(self) -> bool:
         """Whether its drag slows the whole column above a contact."""
         return self.friction.drags_column
@@ -69,6 +74,21 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     def fields(self) -> tuple[str, ...]:
         """Names of the numbers of a record, which ``resistance`` reads."""
         return tuple(self.friction.acting(self.example.numbers(), MassAbove(1.0, 1.0, 1.0)))
+
+    @property
+    def laws(self) -> "tuple[FrictionLaw, ...]":
+        """The law itself; of several in one run (:mod:`runout.model.law_mixtures`) all of them."""
+        return (self,)
+
+    @cached_property
+    def own_functions(self) -> tuple[FunctionType, ...]:
+        """Its resistance and the functions that this calls, callees first."""
+        return tuple(functions_of_law(self.resistance))
+
+    @cached_property
+    def on_column(self) -> FunctionType:
+        """Its resistance where that slows whole columns."""
+        return self.resistance
 
     @cached_property
     def limited(self) -> FunctionType:
@@ -101,12 +121,12 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     @cached_property
     def column_drag(self) -> FunctionType:
         """:func:`runout.physics.contact.column_drag` with the resistance of this law, in plain Python."""
-        return calling(contact.column_drag, law_resistance=self.resistance)
+        return calling(contact.column_drag, law_resistance=self.on_column)
 
     @cached_property
     def free_column_drag(self) -> FunctionType:
         """:func:`runout.physics.contact.free_column_drag` with the resistance of this law, in plain Python."""
-        return calling(contact.free_column_drag, law_resistance=self.resistance)
+        return calling(contact.free_column_drag, law_resistance=self.on_column)
 
 
 FRICTIONS: Registry[FrictionLaw] = Registry("friction law", PACKAGE, "runout.friction", ConfigError)

@@ -10,6 +10,7 @@ from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import FrictionLaw, numbers_of
+from runout.model.law_mixtures import NUMBER, friction_law
 from runout.physics.contact import zone_friction
 
 MOST_ROWS = 2**24  # of the table: single precision counts them exactly
@@ -31,9 +32,11 @@ class GroundFriction:
     Attributes
     ----------
     law : FrictionLaw
-        That all masses follow.
+        That all masses follow, or the mixture of their laws (:mod:`runout.model.law_mixtures`).
+    law_number : ndarray (releases,) of int
+        Place of the law of each mass in ``law.laws``.
     numbers : ndarray (releases, numbers)
-        Of the law, outside all zones.
+        Outside all zones; those of all laws one behind the other, 0 where they are not those of the law of a mass.
     kinds : int
         Kinds of ground; row ``release * kinds + kind`` of the :meth:`table` belongs to a release on one of them.
     kind : ndarray (nx, ny) of int32, or None
@@ -45,10 +48,13 @@ class GroundFriction:
         effective: Sequence[float] | None = None,
     ):  # fmt: skip
         found = [numbers_of(friction) for friction in frictions]
-        if len({law.name for law, _ in found}) != 1:
-            raise ConfigError("basal friction of all releases of a run must follow one law; give every release the same kind")
-        self.law: FrictionLaw = found[0][0]
-        self.numbers = np.array([numbers for _, numbers in found])
+        self.law: FrictionLaw = friction_law(law for law, _ in found)
+        self.law_number = np.array([self.law.laws.index(law) for law, _ in found])
+        ends = np.cumsum([len(law.numbers) for law in self.law.laws])
+        self._columns = [slice(end - len(law.numbers), end) for law, end in zip(self.law.laws, ends, strict=True)]
+        self.numbers = np.zeros((len(found), len(self.law.numbers)))
+        for row, number, (_, numbers) in zip(self.numbers, self.law_number, found, strict=True):
+            row[self._columns[number]] = numbers
         self.masses, self.kinds = np.array(masses, np.float64).reshape(-1, len(MassAbove._fields)), 1
         self.effective = np.ones(len(found)) if effective is None else np.array(effective, np.float64)
         self.kind: np.ndarray | None = None
@@ -57,13 +63,17 @@ class GroundFriction:
             self._take_zones(zones)
 
     def _take_zones(self, zones: FrictionZones) -> None:
-        said = f"friction law {self.law.name} has {', '.join(self.law.numbers)}"
-        if len(self.law.numbers) > 1 and zones.coefficient.any():
-            raise ConfigError(f"{zones.source}: a zone states a friction angle, and {said}; state its parameters, or a factor")
-        unknown = [name for name in zones.replaced if name not in self.law.numbers]
+        laws = {law: f"friction law {law.name} has {', '.join(law.numbers)}" for law in self.law.laws}
+        several = [law for law in laws if len(law.numbers) > 1]
+        if several and zones.coefficient.any():
+            said = f"a zone states a friction angle, and {laws[several[0]]}"
+            raise ConfigError(f"{zones.source}: {said}; state its parameters, or a factor")
+        stated = dict.fromkeys(zones.gridded, "a raster states") | dict.fromkeys(zones.replaced, "a zone replaces")
+        unknown = [name for name in stated if name not in self.law.numbers]
         if unknown:
-            raise ConfigError(f"{zones.source}: a zone replaces {unknown[0]}, and {said}; state parameters of that law")
-        found = zones.kinds(self.law)
+            said = f"{stated[unknown[0]]} {unknown[0]}, and {', and '.join(laws.values())}"
+            raise ConfigError(f"{zones.source}: {said}; state parameters of that law")
+        found = zones.kinds(*self.law.laws)
         self.kind, self.kinds, self._size = found.kind, len(found.own), zones.cell_size
         self._factor, self._own = found.factor, found.own
         rows = self.kinds * len(self.numbers)
@@ -80,6 +90,14 @@ class GroundFriction:
         """Whether all releases have the same friction on each kind of ground."""
         by_release = self.table().reshape(-1, self.kinds)
         return bool((by_release == by_release[:1]).all())
+
+    @property
+    def limits_start(self) -> np.ndarray:
+        """Whether contacts of each mass (releases,) start from the force of the step before up to a speed only.
+
+        So where its law uses ground areas (:func:`runout.physics.contact.fastest_start`).
+        """
+        return np.array([law.uses_area for law in self.law.laws])[self.law_number]
 
     @property
     def mixed(self) -> int:
@@ -107,10 +125,15 @@ class GroundFriction:
         )
         changed = zone_friction(numbers, factor, own).astype(real)
         mass = MassAbove(*self.masses[release].astype(real).T)
-        record = self.law.friction.acting(dict(zip(self.law.numbers, changed.T, strict=True)), mass)
         table = np.zeros(len(changed), [(name, real) for name in self.law.fields])
-        for name in self.law.fields:
-            table[name] = record[name]
+        for number, (law, columns) in enumerate(zip(self.law.laws, self._columns, strict=True)):
+            own = self.law_number[release] == number
+            numbers_of_law = dict(zip(law.numbers, changed[own, columns].T, strict=True))
+            record = law.friction.acting(numbers_of_law, MassAbove(*(values[own] for values in mass)))
+            for name in law.fields:
+                table[name][own] = record[name]
+        if NUMBER in self.law.fields:
+            table[NUMBER] = self.law_number[release]
         return table
 
     def rows(self, release: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -125,6 +148,10 @@ class GroundFriction:
 
     def at_rest(self) -> np.ndarray:
         """Coefficients at rest (releases times kinds,) [1], at most what each mass passes on."""
-        name = self.law.numbers.index(self.law.friction.coefficients[0])
-        ground = zone_friction(self.numbers[:, None, name], self._factor[:, name], self._own[:, name])
+        first = [
+            c.start + law.numbers.index(law.friction.coefficients[0]) for law, c in zip(self.law.laws, self._columns, strict=True)
+        ]
+        number = np.array(first)[self.law_number]
+        factor, own = self._factor[:, number].T, self._own[:, number].T
+        ground = zone_friction(self.numbers[np.arange(len(number)), number][:, None], factor, own)
         return np.minimum(ground, self.masses[:, :1]).ravel()

@@ -86,6 +86,16 @@ class Law(RegisteredLaw[Material]):
         return calling(plastic.effective_return, law_return=self.update or plastic.law_return, history_share=share)  # type: ignore[arg-type]
 
     @property
+    def laws(self) -> "tuple[Law, ...]":
+        """The law itself; of several in one run (:mod:`runout.model.law_mixtures`) all of them."""
+        return (self,)
+
+    @cached_property
+    def own_functions(self) -> tuple[FunctionType, ...]:
+        """Its return mapping and the functions that this calls, callees first."""
+        return tuple(functions_of_law(self.update)) if self.update else ()
+
+    @property
     def depends_on_rate(self) -> bool:
         """Whether the records hold the time step [s], ``time_step``, which the backend updates."""
         return self.material.depends_on_rate

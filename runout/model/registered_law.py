@@ -61,9 +61,9 @@ class RegisteredLaw(Generic[Declaration]):
         return "" if self.is_of_runout else self.fingerprint
 
 
-def calling(function: Any, **called: FunctionType) -> FunctionType:
-    """Copy of a function of :mod:`runout.physics` in which some names mean other functions, such as that of a law."""
-    own = FunctionType(function.__code__, {**function.__globals__, **called}, function.__name__)
+def calling(function: Any, name: str | None = None, **called: Any) -> FunctionType:
+    """Copy of a function of :mod:`runout.physics`, with a ``name``, in which some names mean others, such as that of a law."""
+    own = FunctionType(function.__code__, {**function.__globals__, **called}, name or function.__name__)
     own.__annotations__, own.__module__, own.__doc__ = dict(function.__annotations__), function.__module__, function.__doc__
     return own
 

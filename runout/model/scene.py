@@ -11,6 +11,7 @@ from runout.errors import ConfigError, StabilityError
 from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
+from runout.model.law_mixtures import material_law
 from runout.model.laws import Law, law_of
 from runout.model.limits import checked
 from runout.model.materials import Material
@@ -51,9 +52,9 @@ class Scene(Scheme):
     raster : Raster
         Cells of the elevation raster. Its outline and its ``unknown`` cells bound the domain: what leaves it is booked as escaped.
     materials : tuple of Material
-        One per release, all of one law.
+        One per release; each follows its own law.
     friction : tuple of float or BasalFriction
-        Basal friction per release, all of one law; a number is a Coulomb coefficient tan(angle) [1].
+        Basal friction per release, each of its own law; a number is a Coulomb coefficient tan(angle) [1].
     strength : tuple of float
         Largest friction coefficient that the mass of each release passes on to the ground [1], see
         :meth:`runout.model.materials.Material.shear_strength`; empty for no limit.
@@ -95,8 +96,8 @@ class Scene(Scheme):
             apart = f"{self.surface.spacing} m apart, the grid has them {self.spacing[:2]} m apart"
             raise ConfigError(f"the ground is made for nodes {apart}; make it for this grid")
         super().__post_init__()
-        if len({m.law for m in self.materials}) != 1:
-            raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
+        if not self.materials:
+            raise ConfigError("no material is given; give one for each release")
         if len(self.friction) != len(self.materials):
             raise ConfigError(f"{len(self.friction)} friction coefficients for {len(self.materials)} releases")
         if len(self.strength) not in (0, len(self.materials)):
@@ -110,6 +111,8 @@ class Scene(Scheme):
             cells = f"{zones.factor.shape} of {zones.cell_size} m"
             raise ConfigError(f"friction zones have cells {cells}, the terrain {raster}; read them on the same terrain")
         _ = self.basal  # refuses what does not fit together
+        if len({m.law for m in self.materials}) > 1:
+            _ = self.law  # likewise
         if self.unknown is not None and self.unknown.shape != (raster.columns, raster.rows):
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
         if self.structures:
@@ -117,8 +120,8 @@ class Scene(Scheme):
 
     @cached_property
     def law(self) -> Law:
-        """The law that all materials follow."""
-        return law_of(self.materials[0])
+        """The law that all materials follow, or the mixture of their laws (:mod:`runout.model.law_mixtures`)."""
+        return material_law(map(law_of, self.materials))
 
     @property
     def observed_length(self) -> float:

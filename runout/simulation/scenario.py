@@ -14,7 +14,9 @@ from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
 from runout.model.friction import FrictionZones
+from runout.model.friction_laws import numbers_of
 from runout.model.inflow import Inflow
+from runout.model.law_mixtures import friction_law
 from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.nodal_surface import NodalSurface
@@ -78,10 +80,11 @@ def build_scene(
     ground = partial(_ground_dug, terrain, spacing[:2], Mass(np.sum([r.thickness for r in releases], axis=0), least))
     surface = ground([r.excavation for r in releases])
     per_axis = particles_per_axis(particles_per_cell)
+    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     if accept:
         extent = expected_extent(releases, surface.surface, spacing, per_axis)
-        accept(replace(extent, mixed=_mixed(frictions, strength)))
-    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
+        law = friction_law(numbers_of(f)[0] for f in friction)
+        accept(replace(extent, mixed=_mixed(frictions, strength), friction=law))
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
         friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),

@@ -188,7 +188,7 @@ def simulate(
     run.start(particles)
     del particles
     result = _computed(run, terrain, clock.perf_counter() - started)
-    result.start.update(record_of(sources))
+    result.start = {**result.start, **record_of(sources)}
     if keep:
         keep.remove()
     return result
@@ -208,6 +208,7 @@ def _computed(run: Run, terrain: Terrain, setup: float) -> Result:
 
 
 def _statements(scene: Scene, names: Sequence[str]) -> Iterator[str]:
-    """What a user should know of the releases, by their ``names``: friction that acts, pore pressure that rises."""
+    """What a user should know of the releases, by their ``names``: friction that acts or does not, pore pressure that rises."""
     yield from basal_strength.sentences(scene, names)
+    yield from basal_strength.unchanged(scene.friction, names, scene.friction_zones)
     yield from doubts(scene.pore_pressure, scene.densities, names)

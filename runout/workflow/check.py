@@ -375,7 +375,7 @@ def _below_the_threshold(release: "Release", threshold: float) -> Iterator[str]:
 
 def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     """Warn of mass that cannot slide out of its scar, for the stated release or, if there is none, for the worst member."""
-    from runout.config.friction import sampled_ranges
+    from runout.config.friction import OF_RELEASE, PREFIX, sampled_ranges
     from runout.ensemble.design import member_table
     from runout.model.release import Edge, Placement
     from runout.release.outlets import trapped_share
@@ -384,7 +384,8 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
         return
     members = member_table(site.settings.ensemble)
     angle_of_site = _resting_angle(release, site, {})
-    sampled = [name for name in members if name in sampled_ranges(site.friction.law) or name in PORES]
+    own = release.name + OF_RELEASE + PREFIX
+    sampled = [n for n in members if n in sampled_ranges(site.friction.law) or n in PORES or str(n).startswith(own)]
     worst_angle = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=angle_of_site)
     largest = float(np.max(members.get("release_volume_factor", 1.0)))
     for factor, angle in dict.fromkeys([(1.0, angle_of_site), (largest, worst_angle)]):

@@ -11,8 +11,9 @@ from runout.config.friction import sampled_ranges
 from runout.config.material import OF_THE_RUN
 from runout.config.member_arguments import grid_spacing
 from runout.config.pore_pressure import sampled_pores
-from runout.model.basal_strength import least_angle, sentence, strengths
+from runout.model.basal_strength import least_angle, sentence, strengths, unchanged
 from runout.model.depth_resolution import SHARING
+from runout.model.friction_laws import numbers_of
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -57,9 +58,11 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
         return
     yield from _thinner_than_the_grid_shows(site, least_thickness(site, releases, zones))
     yield from _pressures_that_rise(site, releases)
+    yield from unchanged(site.friction.of_releases(releases, {}), [r.name for r in releases], zones)
     for base, release in zip(bases_of(site, releases), releases, strict=True):
         yield from _stronger_ground(base, zones)
-        if site.friction.law.drags and not site.friction.law.drags_column:
+        law = numbers_of(base.frictions[0])[0]
+        if law.drags and not law.drags_column:
             yield from _sheared_by_drag(base, release, zones)
 
 
@@ -70,8 +73,8 @@ def _pressures_that_rise(site: "Site", releases: "Sequence[Release]") -> Iterato
         if release.pore_pressure is None:
             continue
         doubts = []
-        for sample, material in zip(samples, materials_of(site, samples), strict=True):
-            pore, own = sampled_pores(releases, sample)[k].pore_pressure, release.material or material
+        for sample, own in zip(samples, (materials[k] for materials in materials_of(site, releases, samples)), strict=True):
+            pore = sampled_pores(releases, sample)[k].pore_pressure
             pore.require_fits(release.thickness, own.density, f"release {release.name}")  # type: ignore[union-attr]
             doubts.append(pore.doubt(own.density, f"release {release.name}"))  # type: ignore[union-attr]
         found = [(number, doubt) for number, doubt in enumerate(doubts) if doubt]
@@ -136,14 +139,13 @@ def bases_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sam
     """Friction and strength at the base of each release, for members with these parameters; for all members by default."""
     samples = samples_of(site) if samples is None else samples
     height = grid_spacing(site.settings, releases)[2]
-    own = np.array(strengths(materials_of(site, samples), height))
+    own = np.array([strengths(materials, height) for materials in materials_of(site, releases, samples)])
     members = [site.friction.of_releases(releases, sample) for sample in samples]
     wet = [[r.least_effective for r in sampled_pores(releases, sample)] for sample in samples]
     bases = []
     for k, (r, frictions) in enumerate(zip(releases, map(list, zip(*members, strict=True)), strict=True)):
         ground = np.array([math.tan(f) if isinstance(f, float) else f.at_rest for f in frictions])
-        strength = own if r.material is None else np.full_like(own, strengths([r.material], height)[0])
-        bases.append(Bases(r.name, frictions, ground, strength, [shares[k] for shares in wet]))
+        bases.append(Bases(r.name, frictions, ground, own[:, k], [shares[k] for shares in wet]))
     return bases
 
 
@@ -155,11 +157,11 @@ def samples_of(site: "Site") -> list[dict[str, float]]:
     return table.to_dict("records") or [{} for _ in table.index]  # pandas 2 gives no records without columns
 
 
-def materials_of(site: "Site", samples: "Sequence[Sample]") -> "list[Material]":
-    """Material of each member; one object if none of its parameters is sampled."""
+def materials_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sample]") -> "list[list[Material]]":
+    """Material of each release in each member; the same objects if none of their parameters is sampled."""
     if samples and not set(samples[0]) - {*sampled_ranges(site.friction.law), *OF_THE_RUN}:
-        return [site.material()] * len(samples)
-    return [site.material(sample) for sample in samples]
+        return [site.materials(releases)] * len(samples)
+    return [site.materials(releases, sample) for sample in samples]
 
 
 def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.config.release_start import SPEED_OF
+from runout.config.release_start import SPEED, key_of
 from runout.forecast.stiffness import Stiffness, slowed_by_drag
 from runout.model.column_resistance import ground_below
 from runout.model.parameters import AUTO
@@ -42,10 +42,10 @@ def member_stiffness(
     MaterialError
         If the parameters of a member make no material.
     """
-    bases, drags = bases_of(site, releases, samples), site.friction.law.drags
-    at_start = [np.array([sample.get(SPEED_OF + r.name, r.start_speed) for sample in samples], float) for r in releases]
+    bases, drags = bases_of(site, releases, samples), any(law.drags for law in site.friction.laws)
+    at_start = [np.array([sample.get(key_of(r.name, SPEED), r.start_speed) for sample in samples], float) for r in releases]
     speeds = np.max([_speeds(r, b.acting(zones), own) for r, b, own in zip(releases, bases, at_start, strict=True)], 0)
-    own = [[r.material or material for r in releases] for material in materials_of(site, samples)]
+    own = materials_of(site, releases, samples)
     if drags:
         speeds = _less_drag(releases, [_ground(bases, k, of, zones) for k, of in enumerate(own)], speeds)
         speeds = np.maximum(speeds, np.max(at_start, 0))
@@ -110,14 +110,23 @@ def _source(found: Stiffness) -> str:
     return "energy line from the centre of the release, least friction" + (", less drag" if found.drag else "")
 
 
-def lines(material: "Material", found: "Sequence[Stiffness]") -> list[str]:
-    """What ``runout check`` says: modulus, waves over flow, strain by the weight; of the site as stated, and of its members."""
+def lines(materials: "Sequence[Material]", found: "Sequence[Stiffness]", names: "Sequence[str]") -> list[str]:
+    """What ``runout check`` says: modulus, waves over flow, strain by the weight; of the site as stated, and of its members.
+
+    ``materials`` are those that releases, by their ``names``, state; a line for each that differs.
+    """
     own, *members = found
-    said = [f"stiffness youngs_modulus {own.materials[0].modulus:.3g} Pa ({_why(own, material)}): {own.statement()}"]
-    moduli = [s.materials[0].modulus for s in members]
-    if moduli and min(moduli) < max(moduli):
-        said.append(f"          members: {min(moduli):.3g} to {max(moduli):.3g} Pa")
-    if material.youngs_modulus != AUTO:
+    said, different = [], {material: k for k, material in reversed(list(enumerate(materials)))}
+    for material, k in sorted(different.items(), key=lambda pair: pair[1]):
+        of_release = f"release {names[k]}: " if len(different) > 1 else ""
+        one = replace(own, materials=(own.materials[k],))
+        said.append(
+            f"stiffness {of_release}youngs_modulus {one.materials[0].modulus:.3g} Pa ({_why(one, material)}): {one.statement()}"
+        )
+        moduli = [s.materials[k].modulus for s in members]
+        if moduli and min(moduli) < max(moduli):
+            said.append(f"          {of_release}members: {min(moduli):.3g} to {max(moduli):.3g} Pa")
+    if len(different) == 1 and material.youngs_modulus != AUTO:
         chosen = replace(material, youngs_modulus=AUTO).chosen(own.flow_speed, own.thickness, STANDARD_GRAVITY)
         fewer = (own.wave_speed + own.flow_speed) / (chosen.wave_speed + own.flow_speed)
         said.append(f"          auto would take {chosen.modulus:.3g} Pa: {fewer:.2g} times fewer steps")

@@ -20,9 +20,8 @@ class _Kernels:
     How many releases the polygons make is not known before they are read. If the guess is wrong, one kernel is compiled later.
     """
 
-    material: "Material"
-    releases: int
-    friction: "BasalFriction"
+    materials: "tuple[Material, ...]"
+    frictions: "tuple[BasalFriction, ...]"
     zones: bool
     structures: bool
     wet: bool
@@ -34,15 +33,17 @@ class _Kernels:
         stated, terrain = site.settings.simulation, site.settings.terrain
         if stated.backend != "scan" or stated.device != "cpu":
             return None
+        from runout.config.release_laws import laws_of, several_laws
         from runout.config.site_files import may_hold_bodies
         from runout.model.numerics import Scheme
         from runout.model.scene import STANDARD_GRAVITY
 
         masses: list[Any] = [*site.settings.release, *(site.settings.inflow or [])]
+        laws = list(laws_of(site.settings).values())[: None if several_laws(site.settings) else SEVERAL]
+        materials = [law.example.chosen(1.0, 1.0, STANDARD_GRAVITY) for law, _ in laws]
         return cls(
-            site.material().chosen(1.0, 1.0, STANDARD_GRAVITY),
-            SEVERAL if len(masses) > 1 else 1,
-            site.friction.law.example,
+            tuple(materials),
+            tuple(friction.example for _, friction in laws),
             bool(terrain.friction_zones or terrain.friction_rasters),
             may_hold_bodies(site.settings),
             any(mass.pore_pressure for mass in masses),
@@ -54,8 +55,11 @@ class _Kernels:
         """Plain values for :mod:`runout.forecast.engine_notes`."""
         from runout.forecast import engine_notes
 
-        laws = engine_notes.laws_of({"material": self.material, "basal_friction": self.friction})
-        return [*laws, self.releases, self.zones, self.structures, self.wet, self.choices]
+        laws = [
+            engine_notes.laws_of({"material": m, "basal_friction": f}) for m, f in zip(self.materials, self.frictions, strict=True)
+        ]
+        distinct = sorted(set(map(tuple, laws)))
+        return [distinct, len(self.materials) > 1, self.zones, self.structures, self.wet, self.choices]
 
     def noted(self, times: int = 1) -> bool:
         """Whether they are known to be compiled; ``times`` is that of :func:`runout.forecast.engine_notes.known`."""
@@ -78,10 +82,10 @@ def compile_ahead(site: "Site") -> "Compilation | None":
     kernels = _Kernels.of(site)
     if kernels is None or kernels.noted():
         return None
-    materials, bodies = (kernels.material,) * kernels.releases, kernels.structures
     return start_compilation(
-        materials, kernels.friction, kernels.choices, zones=kernels.zones, structures=bodies, wet=kernels.wet, marked=kernels.note
-    )
+        kernels.materials, kernels.frictions, kernels.choices, zones=kernels.zones, structures=kernels.structures, wet=kernels.wet,
+        marked=kernels.note,
+    )  # fmt: skip
 
 
 def kernels_noted(site: "Site") -> bool:

@@ -14,6 +14,7 @@ from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births, with_inflow
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
+from runout.model.friction_laws import FrictionLaw
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
 from runout.quantities import member_map_names
@@ -219,7 +220,8 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
 
 def _noted_bytes(*of: Any) -> int:
     """:func:`runout.backends.protocol.bytes_on_host`, from the notes of the day if they hold it; the friction is the last."""
-    plain = *of[:-1], engine_notes.friction_fingerprint(of[-1])
+    friction = of[-1]
+    plain = *of[:-1], friction.fingerprint if isinstance(friction, FrictionLaw) else engine_notes.friction_fingerprint(friction)
     return int(engine_notes.remembered("memory", plain, lambda: bytes_on_host(*of)))
 
 
@@ -251,9 +253,9 @@ def _largest(members: "Sequence[Member]") -> "Member":
 
 def _friction_of(member: "Member") -> list[float]:
     """Sampled parameters of the basal friction of a member."""
-    from runout.config.friction import PREFIX
+    from runout.config.friction import OF_RELEASE, PREFIX
 
-    return [value for name, value in sorted(member.parameters.items()) if name.startswith(PREFIX)]
+    return [value for name, value in sorted(member.parameters.items()) if name.rpartition(OF_RELEASE)[2].startswith(PREFIX)]
 
 
 def particle_line(particles: int) -> str:

@@ -87,7 +87,8 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
     if measured := read_convergence(study.results):
         size = require_error_bars(measured, study.results / "convergence.json")["levels"][-1]["cell_size"][0]
         console.print(f"          measured on this site, cells of {size:g} m: {'; '.join(statements(measured))}", markup=False)
-    for line in check_stiffness.lines(site.material(), found.stiffness):
+    stated = site.materials(data.releases)
+    for line in check_stiffness.lines(stated, found.stiffness, [r.name for r in data.releases]):
         console.print(line, markup=False)
     print_stages(console, study)
     if said := other_members(study):

@@ -164,7 +164,7 @@ def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
 
     monkeypatch.setattr(ahead, "ensure_compiled", compiled)
     friction = scene(materials=(SAND,)).basal.law.example
-    found = ahead.CompilingAhead((SAND,), friction, {"precision": "float32", "substeps": 4}, zones=False)
+    found = ahead.CompilingAhead((SAND,), (friction,), {"precision": "float32", "substeps": 4}, zones=False)
     assert begun.wait(10.0)
     assert found.is_running
 

@@ -90,25 +90,25 @@ def test_releases_that_wait_for_each_other_are_refused_together(edited):
 
 
 SAMPLED = (
-    "start_time_second: {distribution: uniform, low: 0, high: 20}\n"
-    "start_speed_scar: {distribution: discrete, values: [2, 4], frequencies: [1, 1]}"
+    "second.start_time: {distribution: uniform, low: 0, high: 20}\n"
+    "scar.start_speed: {distribution: discrete, values: [2, 4], frequencies: [1, 1]}"
 )
 
 
 def test_an_ensemble_samples_the_start_of_each_release(edited):
     folder = with_starts(edited, "velocity: {speed: 5, azimuth_deg: 90}", sampled=SAMPLED)
     site = read_site(folder)
-    assert list(site.settings.ensemble.parameters) == ["basal_friction_angle_deg", "start_time_second", "start_speed_scar"]
-    one, other = site.releases(sample={"start_time_second": 7.5, "start_speed_scar": 4.0})
+    assert list(site.settings.ensemble.parameters) == ["basal_friction_angle_deg", "second.start_time", "scar.start_speed"]
+    one, other = site.releases(sample={"second.start_time": 7.5, "scar.start_speed": 4.0})
     assert (one.start_time, one.velocity) == (0.0, StartVelocity(4.0, 90.0))
     assert (other.start_time, other.velocity) == (7.5, None)
-    one, other = site.member_arguments({"start_time_second": 0.0, "start_speed_scar": 2.0})["release"]
+    one, other = site.member_arguments({"second.start_time": 0.0, "scar.start_speed": 2.0})["release"]
     assert not other.waits
-    with pytest.raises(ConfigError, match="start_time_scarp: not a parameter of a member"):
-        site.releases(sample={"start_time_scarp": 7.5})
+    with pytest.raises(ConfigError, match=r"scarp\.start_time: not a parameter of a member"):
+        site.releases(sample={"scarp.start_time": 7.5})
     for name, units, words in (
-        ("start_time_second", "s", "start time of release second"),
-        ("start_speed_scar", "m s-1", "speed at the start of release scar"),
+        ("second.start_time", "s", "start time of release second"),
+        ("scar.start_speed", "m s-1", "speed at the start of release scar"),
     ):
         variable = parameter_variable(name)
         assert (variable.units, variable.long_name) == (units, words)
@@ -117,29 +117,29 @@ def test_an_ensemble_samples_the_start_of_each_release(edited):
 @pytest.mark.parametrize(
     ("first", "second", "sampled", "message"),
     [
-        ("", "", "start_time_third: {distribution: uniform, low: 1, high: 2}", "start_time_third: no release is called 'third'"),
+        ("", "", "third.start_time: {distribution: uniform, low: 1, high: 2}", "third.start_time: no release is called 'third'"),
         (
             "",
             "",
-            "start_time_second: {distribution: uniform, low: 1, high: 40}",
+            "second.start_time: {distribution: uniform, low: 1, high: 40}",
             "it can give 40 s; the run ends at 30 s; narrow it",
         ),
         (
             "",
             "",
-            "start_time_second: {distribution: uniform, low: -1, high: 2}",
+            "second.start_time: {distribution: uniform, low: -1, high: 2}",
             "it can give -1 s; the parameter must be at least 0",
         ),
         (
             "",
             "starts_when: {arrives: scar}",
-            "start_time_second: {distribution: uniform, low: 1, high: 2}",
+            "second.start_time: {distribution: uniform, low: 1, high: 2}",
             "release second starts_when the flow of another arrives, not at a time; remove one of the two",
         ),
         (
             "",
             "velocity: [1, 2, 0]",
-            "start_speed_second: {distribution: uniform, low: 1, high: 2}",
+            "second.start_speed: {distribution: uniform, low: 1, high: 2}",
             "the velocity of release second has three components; state velocity: {speed, azimuth_deg}",
         ),
     ],

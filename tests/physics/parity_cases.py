@@ -27,6 +27,7 @@ from runout.physics import (
     numerical_scales,
     plastic,
     pore_pressure,
+    several_laws,
     structures,
     substeps,
     tensors,
@@ -35,7 +36,7 @@ from runout.physics import (
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
 PORES = {"equilibrium": 0.4, "closure": 1.27, "decay_rate": 0.1, "diffusion": 0.05}
-MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5, **PORES}
+MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5, "law_number": 0.0, **PORES}
 MASS = MassAbove(0.5, 2000.0, 9.81)
 TIME_STEP = 1e-3
 SINGLE_PRECISION_OF_A_LAW = 3e-5  # strains a hundred times beyond yield leave a small difference of large numbers
@@ -50,6 +51,7 @@ class Case:
     samplers: tuple[Sampler, ...]
     single_precision: float = 1e-6  # difference from float64, relative to the largest result
     law: Law | FrictionLaw | None = None  # whose function it is
+    part: int = 0  # of a mixture: the law whose record it takes
 
     @property
     def name(self) -> str:
@@ -59,9 +61,13 @@ class Case:
     @property
     def material(self) -> dict[str, float]:
         """Record of parameters."""
-        if isinstance(self.law, FrictionLaw):
-            return {name: float(value) for name, value in self.law.friction.acting(self.law.example.numbers(), MASS).items()}
-        record = self.law.example.record() if self.law else MATERIAL
+        law = self.law.laws[self.part] if self.law else None
+        if isinstance(law, FrictionLaw):
+            record = {name: float(value) for name, value in law.friction.acting(law.example.numbers(), MASS).items()}
+        else:
+            record = law.example.record() if law else MATERIAL
+        if self.law and len(self.law.laws) > 1:
+            record = {name: record.get(name, 0.0) for name in self.law.fields} | {"law_number": float(self.part)}
         return {**record, "time_step": TIME_STEP} if "time_step" in record else record
 
     def sample(self, n: int = 400, seed: int = 3) -> list[np.ndarray]:
@@ -209,6 +215,9 @@ CASES = [
     Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),
     Case(contact.law_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
+    Case(several_laws.own_return, "ysm", "yss", (strain, remembered)),
+    Case(several_laws.own_effective_return, "ysms", "yss", (strain, remembered, share)),
+    Case(several_laws.own_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.limited_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.steady_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.column_drag, "vvvssssm", "s", (vector, vector, vector, area, between(0.01, 5.0), between(1.0, 10.0), step)),
@@ -321,8 +330,8 @@ def law_cases(law: Law | FrictionLaw) -> list[Case]:
     if isinstance(law, FrictionLaw):
         resistance = Case(law.resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step), law=law)
         wet = Case(law.effective_impulse, "vvssmsvss", "v", (*OF_A_CONTACT, share), law=law)
-        return [resistance, Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law), wet]
-    returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update else []
+        return [*([resistance] if len(law.laws) == 1 else []), Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law), wet]
+    returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update and len(law.laws) == 1 else []
     steps = [
         (law.step, "ytsm", "yyss", (loaded, rate, remembered)),
         (law.step_small, "ytsm", "yysss", (loaded, rate, remembered)),

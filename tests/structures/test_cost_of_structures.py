@@ -61,7 +61,7 @@ def test_a_run_without_structures_compiles_no_code_of_structures(backend):
 
 
 def test_no_kernel_of_structures_runs_where_no_mass_is_near():
-    slope, particles = small_slope((SAND,), Voellmy(mu=0.2, xi=500.0), "float64")
+    slope, particles = small_slope((SAND,), (Voellmy(mu=0.2, xi=500.0),), "float64")
     slope = replace(slope, friction_zones=None)
     calls = []
     for origin in ((0.0, 0.0, -8.0), (4000.0, 4000.0, -8.0)):

@@ -11,7 +11,7 @@ from runout.errors import ExitCode
 from runout.workflow.check import inspect
 
 SECOND = "  - {{name: second, raster: inputs/second.tif, placement: on_surface, {}}}\nmaterial:"
-SAMPLED = "    start_time_second: {distribution: uniform, low: 2, high: 8}\n"
+SAMPLED = "    second.start_time: {distribution: uniform, low: 2, high: 8}\n"
 
 
 def write_two(folder, start, sampled="", where=(9, 15)):
@@ -48,7 +48,7 @@ def test_members_sample_the_start_and_the_report_says_it(tmp_path):
     folder = write_two(tmp_path / "site", "start_time: 4", SAMPLED)
     assert cli.main(["run", str(folder), "--workers", "1"]) == ExitCode.OK
     members = xr.open_dataset(folder / "results" / "members.nc")
-    starts = members["start_time_second"].values
+    starts = members["second.start_time"].values
     assert len(set(starts.tolist())) == 2
     for number, start in enumerate(starts.tolist()):
         file = member_file(folder, number)

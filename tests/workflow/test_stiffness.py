@@ -233,7 +233,7 @@ def test_check_prints_the_stiffness_and_warns_of_stated_moduli_that_show_in_the_
     def checked(name, text):
         found = inspect(write_site(tmp_path / name, text))
         assert found.problems == []
-        said = lines(found.site.material(), found.stiffness)
+        said = lines([found.site.material()], found.stiffness, ["scar"])
         return said, [w for w in found.warnings if "the stiffness affects the run-out; youngs_modulus: auto avoids it" in w]
 
     (own, members), none = checked("auto", AUTO)

@@ -194,7 +194,7 @@ def _free_drag(
         if releases > 1:
             weight = _mass_of_release(status, contacts, columns, first, n, r, releases)
         if weight > real(0.0):
-            basal = friction[scenes.first_friction[first_release + r] + kind]
+            basal = friction[scenes.of_friction[first_release + r, 0] + kind]
             gravity = real(wp.length(constants.gravity))
             drag += weight * free_column_drag(mass, p, area, gravity, scenes.clock[s, 0], basal)
             total += weight

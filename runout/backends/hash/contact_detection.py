@@ -200,15 +200,15 @@ def _note_starts(contacts: ContactGroup, starts: Tile, begin: int, b: int, lane:
 
 
 def _load_given(
-    particles: ParticleGroup, contacts: ContactGroup, constants: Constants, surface: Surface, pushes: Tile, offsets: Tile,
-    begin: int, end: int, lane: int, stamp: Any, dt: Any,
+    particles: ParticleGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants, surface: Surface, pushes: Tile,
+    offsets: Tile, begin: int, end: int, lane: int, stamp: Any, dt: Any,
 ):  # fmt: skip
     """Hold impulses by the forces of the step before, and offsets, of up to HELD particles of the list."""
     for q in range((end - begin + lane_count() - 1) // lane_count()):
         n = q * lane_count() + lane
         p = contacts.pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-        _hold(pushes, offsets, n, _given(particles, constants, surface, p, stamp, dt), f, begin + n < end)
+        _hold(pushes, offsets, n, _given(particles, scenes, constants, surface, p, stamp, dt), f, begin + n < end)
 
 
 def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, u: int, q: int):
@@ -262,7 +262,7 @@ def _give_listed(
     for base in range(0, found, HELD):
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
         last = wp.min(first + found, first + base + HELD)
-        _load_given(particles, contacts, constants, surface, pushes, offsets, first + base, last, lane, stamp, dt)
+        _load_given(particles, contacts, scenes, constants, surface, pushes, offsets, first + base, last, lane, stamp, dt)
         _spread_all(tile, pushes, offsets, starts, filled, many, base, lane, True)
     _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
 

@@ -51,6 +51,7 @@ from runout.backends.hash.layout import (
     PUSHES_UP,
     STAMPS,
     STARTS,
+    STARTS_DIFFER,
     STRUCTURED,
     SUBSTEPPED,
     TILE,
@@ -167,7 +168,7 @@ def _record_of_friction(
     if constants.only < 0:
         record = int(particles.release[p])
     if ZONED:
-        record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
+        record = scenes.of_friction[record, 0] + _kind_in_cell(blocks, scenes, s, b, c, f)
     return record
 
 
@@ -265,12 +266,22 @@ def _push(
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2]), drag
 
 
-def _given(particles: ParticleGroup, constants: Constants, surface: Surface, p: int, stamp: Any, dt: Any):
+def _limits_start(particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int):
+    """Whether a particle starts from no force of the step before if it is too fast (:data:`LIMITS_START`)."""
+    if STARTS_DIFFER:
+        release = constants.only
+        if release < 0:
+            release = int(particles.release[p])
+        return scenes.of_friction[release, 1] != 0
+    return True
+
+
+def _given(particles: ParticleGroup, scenes: SceneGroup, constants: Constants, surface: Surface, p: int, stamp: Any, dt: Any):
     """Impulse [N s] by the force of the step with this stamp; none if a particle did not touch then or is too fast."""
     n = particles.number[p]
     last = surface.forces[n] if STRUCTURED else particles.forces[n]
     lasting = wp.where(last[0] == stamp, dt, real(0.0))
-    if LIMITS_START:
+    if LIMITS_START and _limits_start(particles, scenes, constants, p):
         v = _velocity(particles.rec, p)
         h, gravity = constants.h, real(wp.length(constants.gravity))
         lasting = wp.min(lasting, started_time(v, fastest_start(wp.min(h[0], wp.min(h[1], h[2])), gravity, dt), dt))
@@ -465,7 +476,7 @@ def solve_contacts(
                 p = ahead & NOT_NEGATIVE
                 ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                given = _given(particles, constants, surface, p, last, dt)
+                given = _given(particles, scenes, constants, surface, p, last, dt)
                 push, drag = _push(
                     particles, blocks, contacts, scenes, constants, surface, friction, pores, tile, bases, s, b, place, c, p, f,
                     dt, given, entering,

@@ -178,9 +178,9 @@ def _friction_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
     return names | {"Frictions": wp.array(dtype=law_record(friction, real))}
 
 
-def _constants(ordered: bool, area: bool, drags: bool) -> dict[str, Any]:
+def _constants(ordered: bool, area: bool, drags: bool, starts_differ: bool) -> dict[str, Any]:
     """What is known when kernels are compiled: order of sums, ground area of contacts, drag on columns of nodes."""
-    names: dict[str, Any] = {"ORDERED": ordered, "AREAS": area, "DRAGS_COLUMN": drags}
+    names: dict[str, Any] = {"ORDERED": ordered, "AREAS": area, "DRAGS_COLUMN": drags, "STARTS_DIFFER": starts_differ}
     names |= {"AREAS_AT_ONCE": area and not ordered, "DRAGS_AT_ONCE": drags and not ordered}
     return names | {"HELD_REST": contact_solution.HELD_REST + contact_solution.HELD * drags}
 
@@ -194,14 +194,14 @@ def _module(name: str, lanes: int, fast: bool) -> Any:
 @cache
 def _kernels_of(
     kind: str, precision: str, law: Law | None = None, friction: FrictionLaw | None = None, ordered: bool = False,
-    area: bool = False, drags: bool = False, zoned: bool = False, wet: bool = False,
+    area: bool = False, drags: bool = False, starts_differ: bool = False, zoned: bool = False, wet: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Kernels of a set by name, for what it depends on: one warp module for each number of lanes a block."""
     what = KINDS[kind]
-    chosen = ".ordered" * ordered + ".area" * area + ".drags" * drags + ".zoned" * zoned + ".wet" * wet
+    chosen = ".ordered" * ordered + ".area" * area + ".drags" * drags + ".starts" * starts_differ + ".zoned" * zoned + ".wet" * wet
     label = ".".join([NAME, kind, *(given.name for given in (law, friction) if given), precision]) + chosen
     modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
-    names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned, "WET": wet}
+    names = _common_names(precision) | _constants(ordered, area, drags, starts_differ) | {"ZONED": zoned, "WET": wet}
     names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
     names["Pores"] = names["Reals" if what.structured else "PoreGroup"]  # not read at structures: the group would pass 4 kilobytes
@@ -239,7 +239,7 @@ def compiled_kernels(
     ``modules`` are the warp modules.
     """
     real, drags = _number(precision), friction.drags_column
-    of_sums = {"ordered": ordered, "area": friction.uses_area, "drags": drags}
+    of_sums = {"ordered": ordered, "area": friction.uses_area, "drags": drags, "starts_differ": friction.starts_differ}
     of_friction: dict[str, Any] = of_sums | {"friction": friction, "zoned": zoned, "wet": wet}
     found = _kernels_of("common", precision) | _kernels_of("sums", precision, **of_sums)
     found |= _kernels_of("law", precision, law, wet=wet) | _kernels_of("friction", precision, **of_friction)

@@ -59,6 +59,7 @@ ZONED = False  # friction zones on the ground; the binding decides
 DRAGS_COLUMN = False  # drag slows whole columns of nodes; the binding decides
 AREAS = False  # the law of friction uses the ground area of a contact; the binding decides
 AREAS_AT_ONCE, DRAGS_AT_ONCE = False, False  # the same two where sums over columns of nodes need no fixed order, likewise
+STARTS_DIFFER = False  # by release; the binding decides
 LIMITS_START = False  # fast contacts start from no force of the step before; the binding decides
 STRUCTURED = False  # the surface of contact is that of structures, else the ground; the binding decides
 GIVES_MASS = True  # particles give mass and momentum to the nodes, else impulses alone; the binding decides

@@ -86,7 +86,7 @@ class SceneArrays:
             step_counts=step_counts, packed=packed, shift=wp.array(self.shifts.astype(np.int32), dtype=wp.int32),
             limits=wp.array(extents, dtype=wp.float64),
             density=wp.array(np.array([m.density for m in materials]), dtype=wp.float64),
-            first_friction=zones.first_friction, zones=zones.zones, lattice=zones.lattice,
+            of_friction=zones.of_friction, zones=zones.zones, lattice=zones.lattice,
         )  # fmt: skip
         h = wp.types.vector(length=3, dtype=self.number)(*first.spacing)
         band = first.contact_band * min(first.spacing)

@@ -29,7 +29,8 @@ class Zones:
                 table[s, : basal.kind.size] = basal.kind.ravel()
                 lattice[s] = *basal.kind.shape, *(basal.size / scene.spacing[:2])
         kinds = np.concatenate([np.full(len(basal.numbers), basal.kinds) for basal in found])
-        self.first_friction = wp.array((np.cumsum(kinds) - kinds).astype(np.int32), dtype=wp.int32)
+        limits_start = np.concatenate([basal.limits_start for basal in found])
+        self.of_friction = wp.array(np.stack([np.cumsum(kinds) - kinds, limits_start], axis=1).astype(np.int32), dtype=wp.int32)
         self.zones, self.lattice = wp.array(table, dtype=wp.int32), wp.array(lattice, dtype=wp.float64)
         self.friction = wp.array(np.concatenate([basal.table(scenes[0].dtype) for basal in found]), dtype=record)
 

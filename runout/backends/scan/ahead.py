@@ -26,8 +26,8 @@ class CompilingAhead:
     ----------
     materials : tuple of Material
         One for each release; their laws count, not their numbers.
-    friction : BasalFriction
-        Its law counts.
+    frictions : tuple of BasalFriction
+        Likewise.
     choices : dict
         Those of :meth:`runout.model.numerics.Scheme.of_kernels`.
     zones : bool
@@ -39,10 +39,10 @@ class CompilingAhead:
     """
 
     def __init__(
-        self, materials: tuple[Material, ...], friction: BasalFriction, choices: dict[str, Any], *, zones: bool,
+        self, materials: tuple[Material, ...], frictions: tuple[BasalFriction, ...], choices: dict[str, Any], *, zones: bool,
         structures: bool = False, wet: bool = False, marked: Callable[[Path], None] | None = None,
     ):  # fmt: skip
-        slope = small_slope(materials, friction, choices["precision"])[0]
+        slope = small_slope(materials, frictions, choices["precision"])[0]
         more: dict[str, Any] = {
             "friction_zones": slope.friction_zones if zones else None,
             "structures": side_wall() if structures else None,

@@ -58,6 +58,7 @@ from runout.physics.tensors import real, vec
 TILE = 64
 ASIDE = 16  # first row of a tile of candidates after those of the records
 FLOOR, RADIUS, OWN_FRICTION = 19, 23, 24
+STARTS_DIFFER = False  # whether masses differ in the speed up to which contacts start from a force; the binding decides
 TOUCHES, FX, FY, FZ = 0, 4, 8, 12
 NORMAL, GAP, FRICTION, BEFORE = 0, 3, 4, 5  # rows of what is measured
 MEASURED = (1, 2, 3, 5, 6, 7, 9, 10)  # rows of a tile that hold it
@@ -177,9 +178,16 @@ def _look_ahead(t, n, h, ahead):
         t[5, q] = moved_gap(gap, vec(nx, ny, nz), vec(-x, -y, -z))
 
 
-def _take_force(given, row, force, w, search, v, dt):
+def _fastest_start(search, friction):
+    """Speed [m/s] up to which a contact starts from the force of the step before; ``friction`` is what it holds of its law."""
+    if STARTS_DIFFER:
+        return search.fastest[np.int64(friction)]
+    return search.fastest
+
+
+def _take_force(given, row, force, w, search, v, friction, dt):
     """Set the impulse from which a contact starts: by the force of the step before, 0 if it did not touch then or is too fast."""
-    lasting = started_time(v, search.fastest, dt) if force[w, 0] == search.last else real(0.0)
+    lasting = started_time(v, _fastest_start(search, friction), dt) if force[w, 0] == search.last else real(0.0)
     given[row, 0] = real(0.0)
     for k in range(1, 4):
         given[row, k] = lasting * force[w, k]
@@ -202,7 +210,7 @@ def _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, 
         rows[row, 3] = t[FZ, q]
         for k, m in enumerate(MEASURED):
             measured[row >> 4, k, row & 15] = t[m, q]
-        _take_force(given, row, force, np.int64(particle_index[p]), search, vec(t[7, q], t[9, q], t[10, q]), dt)
+        _take_force(given, row, force, np.int64(particle_index[p]), search, vec(t[7, q], t[9, q], t[10, q]), t[6, q], dt)
         listed[first[b] + touching[b]] = p
         touches = np.int64(t[TOUCHES, q])
         touching[b] += touches

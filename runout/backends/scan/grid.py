@@ -15,6 +15,8 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.contact_detection import _rows_of_thread, _shares_of_thread
 from runout.backends.scan.groups import Blocks, Buffers, ContactSearch, Pass, TimeStep
@@ -46,11 +48,12 @@ def search_of(scene: Scene, store: Store, max_speed: float, dt: float, substeps:
     """Numbers by which contacts are found for so many ``substeps`` of ``dt`` [s], with ``before`` in the run."""
     band, lasting = scene.contact_band * min(scene.spacing), substeps * dt
     reach = contact_law.reach(store.largest_radius, max_speed, lasting, band)
-    real, fastest = scene.dtype, math.inf
-    if scene.basal.law.uses_area:
+    real, law, fastest = scene.dtype, scene.basal.law, math.inf
+    if law.uses_area:
         fastest = contact_law.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
     stamp, ahead = stamp_of(before), time_ahead(lasting, dt)
-    return ContactSearch(real(reach), real(band), real(stamp), real(fastest), real(lasting), real(ahead))
+    limit = np.where(scene.basal.limits_start, fastest, math.inf).astype(real) if law.starts_differ else real(fastest)
+    return ContactSearch(real(reach), real(band), real(stamp), limit, real(lasting), real(ahead))
 
 
 def fill_over_ground(

@@ -228,7 +228,7 @@ class ContactSearch(NamedTuple):
         Distance [m] from the ground beyond which no particle can touch; width [m] of the band in which friction acts.
     last : real
         Stamp of the step before, whose forces still hold.
-    fastest : real
+    fastest : real, or (releases,) real where laws differ in it
         Speed [m/s] up to which contacts start from them; infinite for laws that do not use ground areas.
     lasting : real
         Time [s] within which a particle must touch the ground: that of all substeps.

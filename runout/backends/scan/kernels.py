@@ -159,6 +159,8 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "USES_AREA": scene.basal.law.uses_area,
         "DRAGS_COLUMN": scene.basal.law.drags_column,
     }
+    if scene.basal.law.starts_differ:
+        of_contact["STARTS_DIFFER"] = True
     contact = vars(binding.kernels(*CONTACT, sources=LANES, **of_contact))
     used = 1 + scene.basal.law.uses_area + scene.basal.law.drags_column
     own_of_contact = {name: contact[name] for name in OF_FRICTION[:used]}

@@ -12,11 +12,14 @@ import pickle
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from itertools import cycle, islice
 from pathlib import Path
 from subprocess import PIPE
 from types import ModuleType
 
 from runout.backends.compile import cache_root, source_key
+from runout.model.basal_friction import BasalFriction
+from runout.model.materials import Material
 from runout.model.scene import Scene
 from runout.processes.lifetime import import_path, interrupts_kept, python_command
 
@@ -70,8 +73,8 @@ def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
 
 def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
     """The same; the processes share their work in a folder."""
-    friction = scene.basal.law.example
-    job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, folder, os.getpid()))).decode()
+    masses = (*_masses(scene), scene.precision, kind, folder, os.getpid())
+    job = base64.b64encode(pickle.dumps(masses)).decode()
     environment = {**os.environ, WARM_UP: job, "PYTHONPATH": import_path(), "RUNOUT_CACHE": str(cache_root().parent)}
     kernels = ("warm_up", "warm_up_ahead")[: len(os.sched_getaffinity(0))]
     commands = [python_command(f"from {__package__}.warm_up import {name}; {name}()") for name in kernels]
@@ -83,6 +86,16 @@ def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
     if process.returncode:
         LOGGER.warning("compiling in a process of its own failed: %s; %s", _reason(said), IN_THIS_PROCESS)
     return process.returncode == 0
+
+
+def _masses(scene: Scene) -> tuple[tuple[Material, ...], tuple[BasalFriction, ...]]:
+    """Materials and frictions of the masses of a small scene that calls all kernels: one of each law, two if there are several."""
+    by_law = {m.law: m for m in reversed(scene.materials)}
+    several = len(scene.law.laws) > 1 or len(scene.basal.law.laws) > 1
+    materials = tuple(by_law[law.name] for law in scene.law.laws) if several else scene.materials[:2]
+    frictions = tuple(law.example for law in scene.basal.law.laws)
+    count = max(len(materials), len(frictions), 1 + several)
+    return tuple(islice(cycle(materials), count)), tuple(islice(cycle(frictions), count))
 
 
 def _reason(said: str) -> str:

@@ -42,12 +42,12 @@ WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
 
 def _job() -> tuple[Scene, Particles, str, Path]:
     """The small scene, its particles, the kind of scene and the folder of shared parts; the process ends with its parent."""
-    materials, friction, precision, kind, folder, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
+    materials, frictions, precision, kind, folder, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
     make_code_when_called()
     gc.freeze()
     gc.set_threshold(*COLLECT)
-    scene, particles = small_slope(materials, friction, precision)
+    scene, particles = small_slope(materials, frictions, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
     substeps = SUBSTEPS if "substeps" in kind else 1
     pores = (WET,) * len(materials) if "wet" in kind else ()
@@ -135,12 +135,12 @@ def side_wall() -> StructureField:
     )  # fmt: skip
 
 
-def small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:
-    """A cube of particles that slides over the edge of a plane."""
+def small_slope(materials: tuple[Material, ...], frictions: tuple[BasalFriction, ...], precision: str) -> tuple[Scene, Particles]:
+    """A cube of particles that slides over the edge of a plane; the particles belong to the materials in turn."""
     surface = Surface.through(np.fromfunction(lambda i, j: -0.2 * i, (CELLS + 1, CELLS + 1)), (1.0, 1.0))
     zones = FrictionZones(np.ones((CELLS, CELLS)), np.zeros((CELLS, CELLS)), (1.0, 1.0))
     scene = Scene(
-        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (friction,) * len(materials), precision=precision,
+        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, frictions, precision=precision,
         friction_zones=zones,
     )  # fmt: skip
     axis = (np.arange(12) + 0.5) / 2
