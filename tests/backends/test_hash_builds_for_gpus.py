@@ -9,6 +9,7 @@ import warp as wp
 
 from runout.backends.hash.kernels import compiled_kernels
 from runout.model.friction_laws import FRICTIONS
+from runout.model.law_mixtures import friction_law, material_law
 from runout.model.laws import LAWS
 
 ARCHITECTURE = 90
@@ -30,6 +31,7 @@ SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bo
 }
 SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}
 AREAS_SPILLED = {"find_contacts": 8, "solve_contacts": 8}  # of laws of friction that use ground areas, in single precision
+SEVERAL_SPILLED = {"find_contacts": 8, "solve_contacts": 56}  # of Coulomb and Voellmy in one run, in single precision
 STRUCTURES_SPILLED = {"float32": {"solve_contacts": 8}, "float64": {}}
 SPILLED: dict[str, dict[str, int]] = {"float32": {"solve_contacts": 8}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
@@ -126,6 +128,15 @@ def test_contact_with_ground_areas_builds_within_the_same_registers_and_hardly_s
     kernels = compiled_kernels(LAWS.find("drucker_prager"), FRICTIONS.find(law), "float32", False)
     contact = {kernels.find_contacts.module, kernels.solve_contacts.module, kernels.update_nodes.module}
     assert require_within(kernels, contact, tmp_path, LARGEST["float32"], AREAS_SPILLED) >= 4
+
+
+def test_kernels_of_several_laws_build_within_the_registers_of_one(tmp_path):
+    """Contact spills more: the resistances of both laws are in one kernel."""
+    law = material_law(map(LAWS.find, ("drucker_prager", "herschel_bulkley")))
+    friction = friction_law(map(FRICTIONS.find, ("coulomb", "voellmy")))
+    kernels = compiled_kernels(law, friction, "float32", False)
+    of_laws = [module for module in kernels.modules if law.name in module.name or friction.name in module.name]
+    assert require_within(kernels, of_laws, tmp_path, LARGEST["float32"], SEVERAL_SPILLED) >= 7
 
 
 def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(tmp_path):
