@@ -25,7 +25,7 @@ from runout.backends.protocol import (
     get_batch,
 )
 from runout.backends.state import State
-from runout.errors import CapacityError, RunoutError, StabilityError
+from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
 from runout.forecast.accuracy import choices
 from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes, with_births
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
