@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from runout.config import bed
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
+from runout.config.hazard import without_a_bed
 from runout.config.material import foreign_parameters, known_law
 from runout.config.pore_pressure import unused_samples
 from runout.config.problems import problems_of
@@ -129,6 +130,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
     yield from _problems(document, (), friction_conflicts(_stated(document.values)))
     yield from _problems(document, (bed.BED,), bed.bed_conflicts(_stated(document.value((bed.BED,)))))
+    if not document.value((bed.BED,)):
+        yield from _problems(document, ("hazard",), without_a_bed(_stated(document.value(("hazard",)))))
     yield from _problems(document, ("ensemble", "parameters"), unused_samples(releases, sampled))
     yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))
     foreign = foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)

@@ -11,7 +11,7 @@ from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
-from runout.quantities import QUANTITIES
+from runout.quantities import ALL_QUANTITIES
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
@@ -48,8 +48,8 @@ SETTING_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg m-3",
     "cohesion": "Pa",
-    **{q.setting: VARIABLES[q.threshold].printed[0] for q in QUANTITIES.values()},
-    **{q.name: q.units for q in QUANTITIES.values()},
+    **{q.setting: VARIABLES[q.threshold].printed[0] for q in ALL_QUANTITIES.values()},
+    **{q.name: q.units for q in ALL_QUANTITIES.values()},
     "percentiles": "%",
     "hours": "h",
 }
@@ -324,7 +324,7 @@ def _value(key: str, value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, int | float):
         return quantity(value, SETTING_UNITS.get(key, "1"), 10)
-    divisor = next((VARIABLES[q.threshold].printed[1] for q in QUANTITIES.values() if q.setting == key), 1.0)
+    divisor = next((VARIABLES[q.threshold].printed[1] for q in ALL_QUANTITIES.values() if q.setting == key), 1.0)
     value = [limit / divisor for limit in value] if divisor != 1.0 else value
     if isinstance(value, list):
         listed = ", ".join(_value("", v) for v in value)
