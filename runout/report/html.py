@@ -132,10 +132,19 @@ def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, A
         "statement": stated["statement"][:1].upper() + stated["statement"][1:],
         "scores": score_tables(whole["scores"]),
         "reaches": reach_tables(whole.get("reaches"), study.hazard.get("reach_volume")),
+        "reach_figure": _reach_figure(study),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
         "members": range_table(whole["scores"], members, _parameters(study, members)) if len(members) > 1 else [],
         "sheets": printed,
     }
+
+
+def _reach_figure(study: Study) -> str | None:
+    """Picture of the volumes by reach; None for a site without reaches."""
+    if "reach_volume" not in study.hazard:
+        return None
+    weights = study.valid.loc[study.hazard["realization"].values, "weight"].to_numpy(np.float64)
+    return embedded(png(figures.reach_figure(study.hazard, weights / weights.sum())))
 
 
 def _parameters(study: Study, members: Iterable[str]) -> dict[str, dict[str, float]]:

@@ -13,7 +13,7 @@ from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
 from runout.quantities import ALL_QUANTITIES
 from runout.report.figures import parameter_label
-from runout.report.members import FIGURES, Ledger
+from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
@@ -22,6 +22,7 @@ from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 # entries of run.json that the report prints in another place
@@ -59,7 +60,7 @@ ESCAPED_PERCENT = 0.1
 
 def sampled_parameters(study: Study) -> list[str]:
     """Names of the sampled parameters."""
-    return [c for c in study.members.columns if c not in BOOKKEEPING and c not in FIGURES]
+    return [c for c in study.members.columns if c not in {*BOOKKEEPING, *FIGURES, *VOLUMES}]
 
 
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
@@ -72,7 +73,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
     reached = quantity(hazard_extent(hazard, hazard["members_reached"].values, 1), "km²")
     arrival = float(hazard["first_arrival_time"].where(hazard["release_thickness"].fillna(0) == 0).max())
-    return [
+    cards = [
         ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
         ("Released volume", released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
@@ -81,6 +82,17 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
         ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
+    return [*cards, *volumes(valid)] if has_volumes(valid) else cards
+
+
+def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
+    """Key figures of an erodible bed: label, median of the members, and remark with their 90 % range."""
+    cards = []
+    for figure, column in VOLUMES.items():
+        low, middle, high = percentiles_of(valid, figure)
+        scope = f"{number(low)} to {quantity(high, 'm³')} in 90 % of the members" if low != high else "in 90 % of the members"
+        cards.append((f"{column.heading}, median", quantity(middle, "m³"), f"{column.meaning}; {scope}"))
+    return cards
 
 
 def _sampled(hazard: "xr.Dataset") -> str:
@@ -212,13 +224,14 @@ def energy_residual(ledger: Ledger) -> float:
     """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
-    released = float(ledger["potential_energy"][0] - ledger["potential_energy"].min())
+    potential = ledger["potential_energy"] - ledger.get("entrained_energy", 0.0)
+    released = float(potential[0] - potential.min())
     return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
 
 
 def mass_error(ledger: Ledger) -> float:
-    """Largest relative change of the mass on the raster and beyond its edge [1]."""
-    total = ledger["mass"] + ledger["escaped_mass"]
+    """Largest relative change of the mass on the raster and beyond its edge, less that from a bed [1]."""
+    total = ledger["mass"] + ledger["escaped_mass"] - ledger.get("entrained_mass", 0.0)
     return float(np.abs(total / total[0] - 1.0).max())
 
 
@@ -258,17 +271,18 @@ def members(study: Study) -> dict[str, Any]:
     headings = [("Member", "", "number of the realization")]
     headings += [("Weight", "", "share of the ensemble")] if weighted else []
     headings += [(_heading(p), _unit(p), "sampled parameter") for p in parameters]
-    headings += [(c.heading, c.units, c.meaning) for c in FIGURES.values()]
+    figures = FIGURES | (VOLUMES if has_volumes(study.valid) else {})
+    headings += [(c.heading, c.units, c.meaning) for c in figures.values()]
     rows = []
     for member, row in study.members.iterrows():
         given = [number(row["weight"])] if weighted else []
         given += [number(float(row[p])) for p in parameters]
         ended = row["status"] == "valid"
-        result = [number(float(row[f])) for f in FIGURES] if ended else []
+        result = [number(float(row[f])) for f in figures] if ended else []
         reason = "" if ended else f"{row['status']}: {row['failure_reason'] or 'it has not run'}"
         rows.append({"member": member, "given": given, "result": result, "reason": reason})
     growth = study.run.get("ensemble", {}).get("growth", "")
-    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(FIGURES), "growth": growth}
+    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(figures), "growth": growth}
 
 
 def _heading(parameter: str) -> str:

@@ -11,6 +11,10 @@ from ramp_site import CELL, COLUMNS, NORTH, ROWS, SITE, WEST, slab, write_raster
 import runout
 from runout import RammsErosion, cli
 from runout.errors import ConfigError, ExitCode, InputError
+from runout.report import tables
+from runout.report.members import VOLUMES
+from runout.report.study import read_study
+from runout.report.wording import number, quantity
 from runout.workflow.check import inspect
 
 BED = "bed:\n  depth: 1.2\n  erosion: {law: ramms, rate: 0.05, critical_stress: 1.0e3, depth_per_stress: 1.0e-4}\n"
@@ -162,6 +166,22 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     assert "Eroded depth" in page
     assert "The bed is eroded at the rate of an empirical law" in page
     assert "takes up no bed" not in page
+    study = read_study(folder / "results")
+    figures = {name: study.valid[name].to_numpy() for name in VOLUMES}
+    np.testing.assert_allclose(figures["released_volume"], slab().sum() * CELL**2, rtol=1e-5)
+    np.testing.assert_allclose(figures["eroded_volume"], eroded.sum(axis=(1, 2)) * CELL**2, rtol=1e-5)
+    grown = figures["released_volume"] + figures["eroded_volume"]
+    np.testing.assert_allclose(figures["whole_deposit_volume"], 0.9 * (grown - figures["left_volume"]), rtol=1e-4)
+    net = figures["raised_volume"] - figures["lowered_volume"]
+    np.testing.assert_allclose(net, figures["whole_deposit_volume"] - grown, rtol=1e-4)
+    cards = {label: (value, remark) for label, value, remark in tables.key_figures(study)}
+    assert cards["Eroded, median"][0] == quantity(figures["eroded_volume"].min(), "m³"), "two members: the smaller one"
+    low, high = number(figures["eroded_volume"].min()), quantity(figures["eroded_volume"].max(), "m³")
+    assert cards["Eroded, median"][1].endswith(f"{low} to {high} in 90 % of the members")
+    assert {"Released, median", "Deposited, median", "Left the site, median"} <= cards.keys()
+    assert "Eroded, median" in page
+    assert tables.balance(study)["mass"].startswith(("exactly", "to 1e-1", "to 2e-1", "to 3e-1")), "mass of the bed is no error"
+    assert max(map(tables.energy_residual, study.ledgers.values())) < 0.2
 
 
 def test_site_without_a_bed_has_no_maps_of_one(tmp_path):
