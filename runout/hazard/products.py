@@ -167,7 +167,7 @@ def hazard_dataset(
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
     estimator = Estimator.of(ensemble.table, ensemble.files)
-    thresholds = stated_thresholds(settings, bed=site.settings.bed is not None)
+    thresholds = stated_thresholds(settings, bed=getattr(site.settings, "bed", None) is not None)
     joint = stated_conditions(settings)
     over_members = aggregate(
         files, ensemble.weights, thresholds, settings.percentiles, joint=joint, estimator=estimator, folder=folder, each=each
