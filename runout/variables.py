@@ -231,6 +231,7 @@ _ENSEMBLE = {
     "pore_pressure_ratio": Variable("1", "pore pressure over total normal stress at the start", dtype="float64"),
     "pore_pressure_ratio_low": Variable("1", "smallest pore pressure ratio at the start", dtype="float64"),
     "pore_pressure_ratio_high": Variable("1", "largest pore pressure ratio at the start", dtype="float64"),
+    "pore_pressure_ratio_elsewhere": Variable("1", "pore pressure ratio at the start beyond all zones", dtype="float64"),
     "pore_pressure_saturation": Variable("1", "share of the thickness of the release that stands in water", dtype="float64"),
     "pore_pressure_diffusivity": Variable("m2 s-1", "diffusivity of pore pressure", dtype="float64"),
     "pore_pressure_decay_time": Variable("s", "time in which excess pore pressure falls to 1/e", dtype="float64"),

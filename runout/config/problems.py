@@ -12,16 +12,12 @@ from runout.config.document import Document, Location, dotted
 from runout.config.friction import BLOCK, KEY, PREFIX, own_model, stated_law
 from runout.config.law_block import LawSettings
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
-from runout.config.remote import RemoteFile
 from runout.config.schema import SimulationSettings, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 from runout.model.parameters import AUTO
 
-CHOSEN: dict[str, Any] = {  # models of the tags of tagged unions
-    **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
-    "<block>": RemoteFile,
-}
+CHOSEN: dict[str, Any] = {f"<{name}>": model for name, model in DISTRIBUTIONS.items()}  # models of the tags of tagged unions
 WANTED = {
     "float_type": "a number",
     "int_type": "a whole number",

@@ -13,7 +13,7 @@ from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.hazard import without_a_bed
 from runout.config.material import foreign_parameters, known_law
-from runout.config.pore_pressure import unused_samples
+from runout.config.pore_pressure import ratio_conflicts, unused_samples
 from runout.config.problems import problems_of
 from runout.config.schema import (
     SAMPLE_DEMS,
@@ -115,6 +115,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         yield from _problems(document, ("simulation",), conflicts(_stated(simulation)))
     for i, release in enumerate(releases):
         yield from _problems(document, ("release", i), release_conflicts(_stated(release)) if release else ())
+        ratio = _stated(_stated(release.get("pore_pressure")).get("ratio"))
+        yield from _problems(document, ("release", i, "pore_pressure", "ratio"), ratio_conflicts(ratio) if ratio else ())
         if names[i] in names[:i]:
             place: Location = ("release", i, "name")
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
