@@ -12,6 +12,7 @@ from runout.errors import ConfigError, ReleaseError, require_kind
 from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
+from runout.model.bed import Bed
 from runout.model.friction import FrictionZones
 from runout.model.limits import checked
 from runout.model.materials import MATERIAL_REMEDY, Material
@@ -33,11 +34,13 @@ def build_scene(
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
+    bed: Bed | None = None,
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
 ) -> tuple[Scene, Any]:
     """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
 
+    Of a ``bed`` the pore pressure counts, in the choice of the stiffness and in what the mass may reach.
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
@@ -60,10 +63,13 @@ def build_scene(
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     stated_materials = [r.material or material for r in releases]
     strength = basal_strength.strengths(stated_materials, spacing[2])
-    materials = stiffness.chosen_moduli(stated_materials, releases, frictions, strength, friction_zones)
+    bed_ratio = bed.pore_pressure_ratio if bed else None
+    resting = basal_strength.forecast_strengths(stated_materials, releases, spacing[2])
+    materials = stiffness.chosen_moduli(stated_materials, releases, frictions, resting, friction_zones, bed_ratio)
     _require_bearing(releases, materials)
     dug = [r.excavation for r in releases]
-    least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
+    effective = basal_strength.effective_shares(releases, bed_ratio)
+    least = basal_strength.least_angle(frictions, resting, friction_zones, effective)
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)

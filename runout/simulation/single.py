@@ -159,7 +159,7 @@ def simulate(
 
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
-        structures=named, accept=accept, in_chunks=True,
+        structures=named, bed=bed, accept=accept, in_chunks=True,
     )  # fmt: skip
     for sentence in _statements(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
