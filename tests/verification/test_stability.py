@@ -108,7 +108,7 @@ def test_judge_notices_a_bed_that_gives_more_than_it_holds():
     watch = Watch(layout, scene, particles, engine.ledger(), bed)
     watch.look(engine)
     assert watch.broken == []
-    bed.eroded += 0.51
+    bed.eroded[:] = bed.depth.on_nodes(bed.first, bed.eroded.shape, scene.spacing) + 0.01
     watch.look(engine)
     assert watch.broken == ["bed 0.01"]
     bed.booked.entrained_mass += 1.0

@@ -179,13 +179,14 @@ def named(choice: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in choice.items()) or "as it is"
 
 
-def _wet_and_eroding(u: np.ndarray) -> dict[str, Any]:
-    """Pore pressure of every second sample, and a bed of every second: from the sixteenths of the axes."""
+def _wet_and_eroding(u: np.ndarray, h: float) -> dict[str, Any]:
+    """Pore pressure of every second sample on cells of ``h`` [m], and a bed of every second: from the sixteenths of the axes."""
     v = u * 16.0 % 1.0
     wet, bed = v[2] < 0.5, v[3] < 0.5
     laws = (FIERCE, ("growth", (("growth_rate", v[4]),)), ("energy", ()), ("jump", (("most", 10.0 * v[4]),)))
     pores: dict[str, Any] = {"saturation": float(v[6]), **({"decay_time": 10.0 ** (4.0 * v[7] - 2.0)} if v[8] < 0.5 else {})}
-    pores |= {"pore_blocks": (0.0, 0.97, 2.0)} if v[5] < 0.3 else {"pore_ratio": 0.97 * v[5]}
+    blocks = max(2.0, 1.01 * LIMITS["pore_pressure_block"].low / h)  # [cells]
+    pores |= {"pore_blocks": (0.0, 0.97, blocks)} if v[5] < 0.3 else {"pore_ratio": 0.97 * v[5]}
     law, numbers = laws[int(v[9] * 4)]
     beds = {"bed_depth": 0.05 * 80.0 ** v[10], "erosion": law, "erosion_numbers": numbers, "bed_ratio": 0.97 * v[11]}
     return (pores if wet else {}) | (beds if bed else {})
@@ -195,6 +196,7 @@ def _from_unit(u: np.ndarray) -> Layout:
     terrains = [t for t in TERRAINS if not t.startswith(("unknown", "cells of"))]
     per_cell = tuple(int(k) for k in np.floor(1.0 + 3.0 * u[5:8]))
     thickness = 0.25 * 16.0 ** u[12]
+    h = min(10.0 ** (-3.0 + 6.0 * u[8]), LIMITS["thickness"].high / thickness)
     layout = Layout(
         cfl=0.1 + 0.5 * u[0],
         youngs_modulus=10.0 ** (4.0 + 5.0 * u[1]),
@@ -202,7 +204,7 @@ def _from_unit(u: np.ndarray) -> Layout:
         friction_angle=max(60.0 * u[3], SMALLEST_ANGLE),
         cohesion=0.0 if u[4] < 0.4 else 10.0 ** (10.0 * (u[4] - 0.4)),
         per_cell=(per_cell[0], per_cell[1], per_cell[2]),
-        h=min(10.0 ** (-3.0 + 6.0 * u[8]), LIMITS["thickness"].high / thickness),
+        h=h,
         terrain=terrains[int(u[9] * len(terrains))],
         slope=60.0 * u[10],
         basal=max(60.0 * u[11], SMALLEST_ANGLE),
@@ -210,7 +212,7 @@ def _from_unit(u: np.ndarray) -> Layout:
         flatness=0.5 + 0.5 * u[13],
         precision="float32" if u[0] * 16 % 1 < 0.5 else "float64",
         substeps=(1, 4, 16, 64)[int(u[1] * 16 % 1 * 4)],
-        **_wet_and_eroding(u),
+        **_wet_and_eroding(u, h),
     )
     held = 64 * np.prod(per_cell) * layout.thickness / layout.flatness
     return layout if held <= LARGEST else replace(layout, per_cell=(1, 1, 1))
