@@ -56,6 +56,7 @@ SETTING_UNITS = {
 }
 LARGEST_RESIDUAL = 0.01  # of the released potential energy
 ESCAPED_PERCENT = 0.1
+RELEASED = "Released volume"
 
 
 def sampled_parameters(study: Study) -> list[str]:
@@ -75,14 +76,16 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     arrival = float(hazard["first_arrival_time"].where(hazard["release_thickness"].fillna(0) == 0).max())
     cards = [
         ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
-        ("Released volume", released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
+        (RELEASED, released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
         ("Area reached", reached, f"by any member, {threshold} thick or more"),
         ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
-    return [*cards, *volumes(valid)] if has_volumes(valid) else cards
+    if not has_volumes(valid):
+        return cards
+    return [*(card for card in cards if card[0] != RELEASED), *volumes(valid)]
 
 
 def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
@@ -90,7 +93,8 @@ def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
     cards = []
     for figure, column in VOLUMES.items():
         low, middle, high = percentiles_of(valid, figure)
-        scope = f"{number(low)} to {quantity(high, 'm³')} in 90 % of the members" if low != high else "in 90 % of the members"
+        ends = number(low), quantity(high, "m³")
+        scope = f"{ends[0]} to {ends[1]} in 90 % of the members" if ends[1] != quantity(low, "m³") else "in 90 % of the members"
         cards.append((f"{column.heading}, median", quantity(middle, "m³"), f"{column.meaning}; {scope}"))
     return cards
 
