@@ -46,7 +46,6 @@ def build_scene(
     """
     from runout.backends.initial_stress import InitialStress, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
-    from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
     from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare, sdf
@@ -63,13 +62,9 @@ def build_scene(
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     stated_materials = [r.material or material for r in releases]
     strength = basal_strength.strengths(stated_materials, spacing[2])
-    bed_ratio = bed.pore_pressure_ratio if bed else None
-    resting = basal_strength.forecast_strengths(stated_materials, releases, spacing[2])
-    materials = stiffness.chosen_moduli(stated_materials, releases, frictions, resting, friction_zones, bed_ratio)
+    materials, least = _forecast(stated_materials, releases, frictions, spacing[2], friction_zones, bed)
     _require_bearing(releases, materials)
     dug = [r.excavation for r in releases]
-    effective = basal_strength.effective_shares(releases, bed_ratio)
-    least = basal_strength.least_angle(frictions, resting, friction_zones, effective)
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), least)
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
@@ -95,6 +90,19 @@ def _require_bearing(releases: Sequence[Release], materials: Sequence[Material])
         material.require_carries(float(release.thickness.max()), STANDARD_GRAVITY)
         if release.pore_pressure:
             release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
+
+
+def _forecast(
+    materials: Sequence[Material], releases: Sequence[Release], frictions: Sequence[BasalFriction | float], height: float,
+    zones: FrictionZones | None, bed: Bed | None,
+) -> tuple[tuple[Material, ...], float]:  # fmt: skip
+    """The materials with numbers as moduli, and the least friction angle [rad] that acts, on cells of a ``height`` [m]."""
+    from runout.forecast import stiffness
+
+    ratio = bed.pore_pressure_ratio if bed else None
+    resting = basal_strength.forecast_strengths(materials, releases, height)
+    moduli = stiffness.chosen_moduli(materials, releases, frictions, resting, zones, ratio)
+    return moduli, basal_strength.least_angle(frictions, resting, zones, basal_strength.effective_shares(releases, ratio))
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

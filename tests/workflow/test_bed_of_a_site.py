@@ -22,7 +22,9 @@ SAMPLED = "    erosion_rate: {distribution: uniform, low: 0.02, high: 0.08}\n"
 WITH_BED = SITE.replace("simulation:", f"{BED}bulking: 0.9\nsimulation:")
 ENSEMBLE = WITH_BED.replace("hazard:", f"{SAMPLED}hazard:").replace("members: 4", "members: 2")
 PERCENTILES = "percentiles: [50]"
-MAPPED = ENSEMBLE.replace(PERCENTILES, "percentiles: [5, 50, 95], net_erosion_thresholds: [0.1, 0.25]")
+MAPPED = ENSEMBLE.replace(
+    PERCENTILES, "percentiles: [5, 50, 95], net_erosion_thresholds: [0.1, 0.25], net_deposition_thresholds: [0.5, 1]"
+)
 
 
 def write_zone(folder):
