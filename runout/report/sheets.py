@@ -185,7 +185,7 @@ def _deposit_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
 
 def _bed_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
     """Maps of an ensemble with an erodible bed."""
-    if MEAN_CHANGE not in hazard:
+    if MEAN_SHARE not in hazard:  # a site with observations has the change of elevation without a bed too
         return
     caption = "Weighted mean over the members of the depth of the bed that the flow took up."
     yield Sheet("Eroded depth, mean of the members", caption, hazard["mean_eroded_depth"].values, "eroded_depth")
