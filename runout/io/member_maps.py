@@ -218,8 +218,8 @@ class MemberMaps:
         """Values of a map in a rectangle of what the file holds; NaN where there is none."""
         with netcdf.reading(self.path, f"{name} "):
             values: np.ndarray = np.asarray(self.file[name][rows, columns], np.float32)
-        least = VARIABLES[name].valid_min
-        below = values < (-np.inf if least is None else least)  # fill values among them
+        least, fill = VARIABLES[name].valid_min, np.float32(VARIABLES[name].fill or np.nan)
+        below = values == fill if least is None else values < least  # fill values among them
         if below.any():
             values[below] = np.nan
         return values

@@ -11,7 +11,7 @@ from ramp_site import CELL, COLUMNS, NORTH, ROWS, SITE, WEST, slab, write_raster
 import runout
 from runout import RammsErosion, cli
 from runout.errors import ConfigError, ExitCode, InputError
-from runout.report import tables
+from runout.report import sheets, tables
 from runout.report.members import VOLUMES
 from runout.report.study import read_study
 from runout.report.wording import number, quantity
@@ -169,6 +169,10 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     assert "The bed is eroded at the rate of an empirical law" in page
     assert "takes up no bed" not in page
     study = read_study(folder / "results")
+    headline = sheets.headline_sheets(study)
+    changes = [s for s in (*headline, *sheets.further_sheets(study, headline)) if s.title.startswith("Change of elevation")]
+    assert len(changes) == 4
+    assert len({sheet.top for sheet in changes} - {0.0}) == 1, "one scale in the report"
     figures = {name: study.valid[name].to_numpy() for name in VOLUMES}
     np.testing.assert_allclose(figures["released_volume"], slab().sum() * CELL**2, rtol=1e-5)
     np.testing.assert_allclose(figures["eroded_volume"], eroded.sum(axis=(1, 2)) * CELL**2, rtol=1e-5)
