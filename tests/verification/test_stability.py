@@ -37,7 +37,10 @@ def test_pinned_trial_survives_or_is_refused_with_its_reason(name, layout):
         assert trial.steps >= layout.steps
 
 
-@pytest.mark.parametrize("choice", [{}, {"terrain": "step down in one cell"}, {"keep": 1}], ids=named)
+OVER_A_BED = {"bed_depth": 1.0, "erosion_numbers": (("rate", 5.0), ("critical_stress", 0.0)), "bed_ratio": 0.9, "pore_ratio": 0.5}
+
+
+@pytest.mark.parametrize("choice", [{}, {"terrain": "step down in one cell"}, {"keep": 1}, OVER_A_BED], ids=named)
 def test_trial_survives_on_the_hash_backend_too(choice):
     trial = attempt("hash", Layout(**choice, steps=40, per_cell=(1, 1, 2)), "hash")
     assert (trial.verdict, trial.reason) == ("survived", "")
