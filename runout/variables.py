@@ -7,7 +7,7 @@ floods.
 
 from dataclasses import dataclass, replace
 
-from runout.quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import ALL_QUANTITIES, ARRIVAL, ARRIVAL_PERCENTILE, CHANGE_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 
 FILL = -9999.0
 PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> printed unit and divisor
@@ -91,6 +91,9 @@ _MEMBER_MAPS = {
     ARRIVAL: _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
     "eroded_depth": _positive("m", "depth by which the flow lowered the ground, vertical"),
     "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),
+    "bed_share": Variable(
+        "1", "share of the erodible bed in the mass of the deposit", valid_min=0.0, valid_max=1.0, comment="missing without deposit"
+    ),
     "flow_thickness": _positive("m", "flow thickness, vertical"),
     "speed": _positive("m s-1", "speed of the flow"),
     "particle_easting": _series("m", "easting of a particle"),
@@ -139,7 +142,8 @@ def _exceedance(name: str, condition: str, cells: str) -> dict[str, Variable]:
 def _over_members(q: MapQuantity) -> dict[str, Variable]:
     """Maps over the members of a quantity."""
     found = _exceedance(q.name, f"the {q.extreme} reaches or exceeds the threshold", "that any member reaches at the threshold")
-    found[q.percentile] = _positive(q.units, f"percentile over the members of the {q.extreme}")
+    if q.percentile:
+        found[q.percentile] = _positive(q.units, f"percentile over the members of the {q.extreme}")
     found[q.peak] = _positive(q.units, f"largest {q.words} of any member")
     if q.mean:
         found[q.mean] = _positive(q.units, f"weighted mean over the members of the {q.extreme}")
@@ -154,7 +158,7 @@ _HAZARD_MAPS = {
         valid_max=1.0,
         comment=_FRACTION,
     ),
-    **{name: variable for q in QUANTITIES.values() for name, variable in _over_members(q).items()},
+    **{name: variable for q in ALL_QUANTITIES.values() for name, variable in _over_members(q).items()},
     **_exceedance(
         "joint",
         "the maxima reach or exceed all thresholds of the joint condition, each at its own time",
@@ -185,15 +189,13 @@ _OBSERVED = {
 }
 
 _OF_A_BED = {
-    "mean_eroded_depth": _positive("m", "weighted mean over the members of the eroded depth"),
-    "peak_eroded_depth": _positive("m", "largest eroded depth of any member"),
-    **{
-        f"net_{what}_probability": Variable(
-            "1", f"conditional probability that the ground is {how} by the lowest thickness threshold or more",
-            valid_min=0.0, valid_max=1.0, comment=_FRACTION,
-        )
-        for what, how in (("erosion", "lowered"), ("deposition", "raised"))
-    },
+    CHANGE_PERCENTILE: Variable(
+        "m", "percentile over the members of the change of elevation", comment="after the runout minus before the failure"
+    ),
+    "mean_bed_share": Variable(
+        "1", "share of the erodible bed in the mean deposit of the members", valid_min=0.0, valid_max=1.0,
+        comment="shares of the members, weighted by their deposit; missing where none has a deposit",
+    ),
 }  # fmt: skip
 
 _SLOPES = {
@@ -234,6 +236,7 @@ _ENSEMBLE = {
     "pore_pressure_ratio": Variable("1", "pore pressure over total normal stress at the start", dtype="float64"),
     "pore_pressure_ratio_low": Variable("1", "smallest pore pressure ratio at the start", dtype="float64"),
     "pore_pressure_ratio_high": Variable("1", "largest pore pressure ratio at the start", dtype="float64"),
+    "pore_pressure_ratio_elsewhere": Variable("1", "pore pressure ratio at the start beyond all zones", dtype="float64"),
     "pore_pressure_saturation": Variable("1", "share of the thickness of the release that stands in water", dtype="float64"),
     "pore_pressure_diffusivity": Variable("m2 s-1", "diffusivity of pore pressure", dtype="float64"),
     "pore_pressure_decay_time": Variable("s", "time in which excess pore pressure falls to 1/e", dtype="float64"),
@@ -247,14 +250,14 @@ _ENSEMBLE = {
 }
 
 _COORDINATES = {
-    **{q.threshold: Variable(q.units, f"threshold of the {q.extreme}", dtype="float64") for q in QUANTITIES.values()},
+    **{q.threshold: Variable(q.units, f"threshold of the {q.extreme}", dtype="float64") for q in ALL_QUANTITIES.values()},
     "joint": Variable("1", "number of the joint condition", dtype="int32"),
     "joint_condition": Variable("", "joint condition in words", dtype="str"),
     **{
         q.joint_threshold: Variable(
             q.units, f"threshold of the {q.extreme} in a joint condition", dtype="float64", comment="missing if it has none"
         )
-        for q in QUANTITIES.values()
+        for q in ALL_QUANTITIES.values()
     },
     "percentile": Variable("percent", "percentile over the members, by weight", dtype="float64"),
     "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),
@@ -341,7 +344,7 @@ _STRUCTURES = {
 
 
 _PROBES = {
-    **{q.stem: _positive(q.units, q.described) for q in QUANTITIES.values() if q.formula},
+    **{q.stem: _positive(q.units, q.described) for q in ALL_QUANTITIES.values() if q.formula},
     "discharge": Variable(
         "m3 s-1",
         "discharge through the cross-section",

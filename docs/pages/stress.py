@@ -50,7 +50,7 @@ It writes the record `stress.json`; `--full` takes all runs instead of a pinned 
 Record: runout {version}, commit {commit}, backend {backend} on {device}.
 """
 MEANINGS = {
-    "mass": "relative error of mass, escaped mass included",
+    "mass": "relative error of mass, escaped mass and mass from a bed included",
     "momentum": "momentum without the impulses of gravity and ground, over its tolerance",
     "energy": "rise of the sum of all energies over the drop of potential energy",
     "speed": "speed of the fastest particle over sqrt(v0² + 2 g dz) + 2 sqrt(g H) + 5 %",
@@ -58,6 +58,8 @@ MEANINGS = {
     "penetration": "depth of the middle of a layer of particles below the ground of raster and nodes [cells]",
     "penetration at narrow edges": "the same where walls and pits are narrower than two cells [cells]",
     "sinking": "depth of a particle below the height at which it touches the ground [cells]",
+    "bed": "depth by which a node is eroded below its bed [cells]",
+    "pore pressure": "distance of the part of the excess that remains from 0 to 1",
     "rest": "creep of masses that must rest, over 1 mm/s",
     "passage": "share of the mass that stays behind the edge of a cliff",
 }
@@ -84,8 +86,13 @@ def _worst(trials: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Rows: the worst of every invariant among the survivors, and its limit."""
     survivors = [t["worst"] for t in trials if t["verdict"] == "survived"]
     limits = {name: f"{limit:g}" if math.isfinite(limit) else "reported" for name, limit in LIMITS.items()}
-    worst = {name: max((found[name] for found in survivors), default=0.0) for name in LIMITS}
-    return [(name, MEANINGS[name], f"{worst[name]:.3g}", limits[name]) for name in LIMITS]
+    worst = {name: max((found[name] for found in survivors if name in found), default=0.0) for name in LIMITS}
+    return [(name, MEANINGS[name], f"{worst[name]:.3g}", limits[name]) for name in _measured(trials)]
+
+
+def _measured(trials: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Invariants that any trial has measured."""
+    return [name for name in LIMITS if any(name in t["worst"] for t in trials)]
 
 
 def _by_axis(trials: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
@@ -105,11 +112,12 @@ def _axis_row(name: str, trials: Sequence[Mapping[str, Any]]) -> tuple[str, ...]
 
 def _table(trials: Sequence[Mapping[str, Any]]) -> str:
     """Every trial, as CSV."""
-    heads = ("axis", "changed", "particles", "steps", "verdict", "reason", *LIMITS)
+    measured = _measured(trials)
+    heads = ("axis", "changed", "particles", "steps", "verdict", "reason", *measured)
     rows = [
         (
             *(t["name"], changes(t["changed"]) or "-", t["particles"], t["steps"], t["verdict"], t["reason"]),
-            *(f"{t['worst'][name]:.2g}" if t["worst"] else "" for name in LIMITS),
+            *(f"{t['worst'][name]:.2g}" if name in t["worst"] else "" for name in measured),
         )
         for t in trials
     ]

@@ -167,6 +167,14 @@ def read_bed(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Bed |
     return Bed(bed.depth, source=stated_place(file, BED, "depth"), **how)
 
 
+def bed_ratio(settings: "SiteSettings", sample: Mapping[str, float]) -> float | None:
+    """Pore pressure ratio [1] of the bed for a member with sampled parameters; None if site.yaml states none."""
+    if settings.bed is None:
+        return None
+    stated = settings.bed.pore_pressure.ratio if settings.bed.pore_pressure else None
+    return sample.get(PORES, stated)
+
+
 def of_member(settings: "SiteSettings", bed: "Bed | None", sample: Mapping[str, float]) -> dict[str, Any]:
     """Arguments of :func:`runout.simulate` of bed and bulking for a member with sampled parameters, as far as they are stated."""
     arguments: dict[str, Any] = {}

@@ -198,15 +198,15 @@ def _reach(settings: "SiteSettings", file: Path, terrain: "Terrain") -> tuple[fl
 def _least_friction(settings: "SiteSettings", file: Path, terrain: "Terrain", releases: "list[Release]") -> float:
     """Smallest friction angle [rad] of all members on any ground within reach."""
     from runout.errors import ZoneError
-    from runout.model.basal_strength import least_angle, strengths
+    from runout.model.basal_strength import forecast_strengths, least_angle
 
     sampled, friction = settings.ensemble.parameters, SiteFriction(settings)
-    weak = "friction_angle_deg", "cohesion"
+    weak = "friction_angle_deg", "cohesion", "yield_stress"
     low = {name: d.support()[0] for name, d in sampled.items()}
     lowest = {name: value for name, value in low.items() if name in sampled_ranges(friction.law) or OF_RELEASE + PREFIX in name}
     of_material = {name: value for name, value in low.items() if name.rpartition(OF_RELEASE)[2] in weak}
     weakest, own = material(settings, of_material), OwnLaws(settings).under(releases, of_material)
-    strength = strengths([r.material or weakest for r in own], grid_spacing(settings, releases)[2])
+    strength = forecast_strengths([r.material or weakest for r in own], releases, grid_spacing(settings, releases)[2])
     try:
         zones = read_zones(settings, file, terrain)
     except ZoneError:  # no zone lies within this extent; SiteFiles.zones reports faults on the final extent
@@ -215,9 +215,12 @@ def _least_friction(settings: "SiteSettings", file: Path, terrain: "Terrain", re
 
 
 def _least_effective(settings: "SiteSettings", releases: "list[Release]") -> list[float]:
-    """Least share [1] of the normal stress that the grains of each release carry in any member."""
-    highest = {name: d.support()[1] for name, d in settings.ensemble.parameters.items() if name in SAMPLED}
-    return [r.least_effective for r in sampled_pores(releases, highest)]
+    """Least share [1] of the normal stress that the grains of each release carry in any member, with mass of a wet bed."""
+    from runout.config.bed import PORES, bed_ratio
+    from runout.model.basal_strength import effective_shares
+
+    highest = {name: d.support()[1] for name, d in settings.ensemble.parameters.items() if name in (*SAMPLED, PORES)}
+    return effective_shares(sampled_pores(releases, highest), bed_ratio(settings, highest))
 
 
 def _support(settings: "SiteSettings", name: str, otherwise: float) -> tuple[float, float]:

@@ -1,12 +1,13 @@
 """Settings of the maps over the members; thresholds are those of the table of map quantities."""
 
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from runout.config.distributions import Settings, quantity, refuse
-from runout.quantities import QUANTITIES, MapQuantity
+from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES, QUANTITIES, MapQuantity
 
 
 def _rising(values: list[float]) -> list[float]:
@@ -31,6 +32,9 @@ def _thresholds(q: MapQuantity) -> tuple[Any, Any]:
     needed = q.name == "thickness"
     text = f"probability of at least this {q.words}" + ("" if needed else "; [] for none")
     values: Any = Annotated[list[_limit(q)], Field(min_length=int(needed)), AfterValidator(_rising)]  # type: ignore[misc]
+    if q.of_bed:
+        default = f"; of sites with a bed, [{', '.join(map(str, q.thresholds))}] by default"
+        return values | None, quantity(text + default, None, unit=q.units, hint=q.hint, examples=[list(q.thresholds)])
     return values, quantity(text, list(q.thresholds), unit=q.units, hint=q.hint)
 
 
@@ -58,8 +62,8 @@ def _distinct(conditions: list[Any]) -> list[Any]:
 
 
 Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_length=1), AfterValidator(_percent)]
-JointSettings = create_model("JointSettings", __base__=_JointSettings, **{name: _part(q) for name, q in QUANTITIES.items()})  # type: ignore[call-overload]
-_Thresholds: Any = create_model("_Thresholds", __base__=Settings, **{q.setting: _thresholds(q) for q in QUANTITIES.values()})  # type: ignore[call-overload]
+JointSettings = create_model("JointSettings", __base__=_JointSettings, **{name: _part(q) for name, q in ALL_QUANTITIES.items()})  # type: ignore[call-overload]
+_Thresholds: Any = create_model("_Thresholds", __base__=Settings, **{q.setting: _thresholds(q) for q in ALL_QUANTITIES.values()})  # type: ignore[call-overload]
 
 
 class HazardSettings(_Thresholds):  # type: ignore[misc]
@@ -73,3 +77,16 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
         examples=[[{"thickness": 1.0, "speed": 1.0}]],
     )
     percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")
+
+
+def without_a_bed(hazard: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Settings of the maps of a bed in a site.yaml without one: key, what is wrong, remedy."""
+    fix = "remove it, or add bed: {depth: ..., erosion: {...}}"
+    for q in BED_QUANTITIES.values():
+        if hazard.get(q.setting):
+            yield q.setting, "the site has no bed", fix
+    joint = hazard.get("joint")
+    for k, condition in enumerate(joint if isinstance(joint, list) else ()):
+        for name in BED_QUANTITIES:
+            if isinstance(condition, dict) and condition.get(name) is not None:
+                yield "joint", f"condition {k + 1} has a threshold of {name}, but the site has no bed", fix

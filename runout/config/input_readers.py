@@ -113,7 +113,9 @@ def _placed_release(entry: ReleaseSettings, file: Path, terrain: "Terrain") -> "
     if entry.pore_pressure is None:
         return release
     with stated_at(file, "release", number, "pore_pressure", "ratio"):
-        return replace(release, pore_pressure=pore_pressure.made(entry.pore_pressure, file, terrain))
+        pore = pore_pressure.made(entry.pore_pressure, file, terrain)
+        pore.require_known(release.thickness, f"release {entry.name}")
+        return replace(release, pore_pressure=pore)
 
 
 def _release(entry: ReleaseSettings, file: Path, terrain: "Terrain") -> "Release":

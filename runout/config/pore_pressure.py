@@ -12,6 +12,7 @@ from runout.config.fetch import locate
 from runout.config.quantities import Text, within
 from runout.model.limits import LIMITS, Range
 from runout.model.parameters import Parameter
+from runout.model.pore_pressure import end_conflicts, zone_conflicts
 
 if TYPE_CHECKING:
     from runout.model.inflow import Inflow
@@ -24,24 +25,52 @@ if TYPE_CHECKING:
 KEY = "pore_pressure"
 PREFIX = "pore_pressure_"  # of its numbers among the parameters of an ensemble
 NUMBERS = ("saturation", "diffusivity", "decay_time")
+ENDS = ("low", "high", "elsewhere")  # of ratios by blocks or zones
 RATIO = LIMITS["pore_pressure_ratio"]
 SAMPLED: dict[str, Range] = {
-    **dict.fromkeys((f"{PREFIX}ratio", f"{PREFIX}ratio_low", f"{PREFIX}ratio_high"), RATIO),
+    **dict.fromkeys((f"{PREFIX}ratio", *(f"{PREFIX}ratio_{end}" for end in ENDS)), RATIO),
     **{PREFIX + name: LIMITS[name] for name in NUMBERS},
 }
 
 
-class RatioSettings(Settings):
-    """Ratios that differ from block to block of the plan."""
+def ratio_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Conflicts between keys of ratios by blocks or zones: key, what is wrong, remedy."""
+    if "block" in given and "polygons" in given:
+        yield "", "block and polygons are both given", "give block, or polygons of zones"
+    elif "polygons" in given:
+        yield from zone_conflicts(given)
+    elif "block" not in given:
+        yield "", "neither block nor polygons is given", "add block: the size [m] of blocks, or polygons: a file of zones"
+    else:
+        for key in ("ratio", "elsewhere", "layer"):
+            if key in given:
+                yield key, "has no meaning without polygons", "remove it, or give polygons of zones in the place of block"
+        missing = [end for end in ("low", "high") if end not in given]
+        if missing:
+            yield missing[0], "required key is missing", "give low and high, between which the ratio of each block is drawn"
+        else:
+            yield from end_conflicts(given)
 
-    low: float = limited("pore_pressure_ratio", "smallest ratio")
-    high: float = limited("pore_pressure_ratio", "largest ratio")
-    block: float = limited("pore_pressure_block", "size of the square blocks that get a ratio of their own")
+
+class RatioSettings(Settings):
+    """Ratios that differ from block to block, or from zone to zone, of the plan."""
+
+    low: float | None = limited("pore_pressure_ratio", "smallest ratio that is drawn for a block or zone", None)
+    high: float | None = limited("pore_pressure_ratio", "largest ratio that is drawn", None)
+    block: float | None = limited("pore_pressure_block", "size of the square blocks that get a ratio of their own", None)
+    polygons: str | None = quantity(
+        "instead of block: zones (GeoPackage, Shapefile, GeoJSON), relative to this folder", None, min_length=1
+    )
+    layer: str | None = quantity("layer of the GeoPackage of zones; not needed when it has one only", None)
+    ratio: Annotated[Text | Annotated[float, within("pore_pressure_ratio"), Tag("<number>")], Discriminator(shape)] | None = (
+        quantity("ratio inside the zones, or the name of the attribute that holds it, instead of low and high", None)
+    )
+    elsewhere: float | None = limited("pore_pressure_ratio", "ratio beyond all zones", None)
 
     @model_validator(mode="after")
-    def _ordered(self) -> "RatioSettings":
-        if self.low > self.high:
-            raise refuse(f"low ({self.low:g}) is above high ({self.high:g})", "exchange them", "low")
+    def _fits(self) -> "RatioSettings":
+        for key, message, fix in ratio_conflicts(self.model_dump(exclude_none=True)):
+            raise refuse(message, fix, key)
         return self
 
 
@@ -55,8 +84,8 @@ class PorePressureSettings(Settings):
     """Pore pressure of a mass."""
 
     ratio: Ratio = quantity(
-        "pore pressure over total normal stress at the start: a number, a raster, or {low, high, block} drawn for blocks of that "
-        "size in each member",
+        "pore pressure over total normal stress at the start: a number, a raster, {low, high, block} drawn for blocks of that "
+        "size in each member, or {polygons, ratio or low and high, elsewhere} by zones",
         examples=[0.7],
     )
     saturation: float = limited("saturation", "share of the thickness that stands in water; sets the ratio that stays", 0.0)
@@ -90,8 +119,13 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
     from runout.model.pore_pressure import PorePressure, RatioBlocks
 
     ratio: Any = settings.ratio
-    if isinstance(ratio, RatioSettings):
-        ratio = RatioBlocks(**ratio.model_dump())
+    if isinstance(ratio, RatioSettings) and ratio.polygons is not None:
+        from runout.terrain.wet_zones import read_ratio_zones
+
+        stated = ratio.model_dump(include={"ratio", *ENDS, "layer"})
+        ratio = read_ratio_zones(Path(locate(ratio.polygons, file.parent)), terrain, **stated)
+    elif isinstance(ratio, RatioSettings):
+        ratio = RatioBlocks(**ratio.model_dump(include={"low", "high", "block"}))
     elif isinstance(ratio, str):
         from runout.terrain.friction_rasters import sampled_raster
 
@@ -112,9 +146,16 @@ def _with_sample(pore: "PorePressure", sample: Mapping[str, float]) -> "PorePres
     ratio = pore.ratio
     if isinstance(ratio, float) and f"{PREFIX}ratio" in sample:
         ratio = sample[f"{PREFIX}ratio"]
-    elif not isinstance(ratio, float) and hasattr(ratio, "block"):
-        ratio = replace(ratio, **{end: sample.get(f"{PREFIX}ratio_{end}", getattr(ratio, end)) for end in ("low", "high")})
+    elif not isinstance(ratio, float) and (hasattr(ratio, "block") or hasattr(ratio, "zone")):
+        ratio = replace(ratio, **_sampled_ends(ratio, sample))
     return replace(pore, ratio=ratio, **numbers)
+
+
+def _sampled_ends(ratio: Any, sample: Mapping[str, float]) -> dict[str, float]:
+    """Sampled numbers of ratios by blocks or zones, of those that they state."""
+    keys = {end: f"{PREFIX}ratio_{end}" for end in ENDS} | ({"ratio": f"{PREFIX}ratio"} if hasattr(ratio, "zone") else {})
+    stated = {name: key for name, key in keys.items() if isinstance(getattr(ratio, name, None), float)}
+    return {name: sample[key] for name, key in stated.items() if key in sample}
 
 
 def unused_samples(releases: Sequence[Mapping[str, Any]], sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -130,5 +171,6 @@ def unused_samples(releases: Sequence[Mapping[str, Any]], sampled: Mapping[str, 
 def _states(pore: Mapping[str, Any], name: str) -> bool:
     ratio = pore.get("ratio")
     if name.startswith("ratio_"):
-        return isinstance(ratio, dict)
-    return name == "saturation" or (isinstance(ratio, int | float) if name == "ratio" else pore.get(name) is not None)
+        return isinstance(ratio, dict) and ratio.get(name.removeprefix("ratio_")) is not None
+    inside = ratio.get("ratio") if isinstance(ratio, dict) else ratio
+    return name == "saturation" or (isinstance(inside, int | float) if name == "ratio" else pore.get(name) is not None)

@@ -20,9 +20,7 @@ from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 from runout.model.parameters import AUTO
 
-CHOSEN: dict[str, Any] = {  # models of the tags of tagged unions
-    **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
-}
+CHOSEN: dict[str, Any] = {f"<{name}>": model for name, model in DISTRIBUTIONS.items()}  # models of the tags of tagged unions
 OF_RELEASES: dict[Any, Any] = {"material": MATERIAL_BLOCK, KEY: BLOCK}  # blocks of a release that may have a law of their own
 WANTED = {
     "float_type": "a number",

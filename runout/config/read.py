@@ -11,9 +11,10 @@ from pydantic import ValidationError
 from runout.config import bed, inflow, release_start
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
+from runout.config.hazard import without_a_bed
 from runout.config.law_block import in_keys
 from runout.config.material import foreign_parameters, known_law
-from runout.config.pore_pressure import unused_samples
+from runout.config.pore_pressure import ratio_conflicts, unused_samples
 from runout.config.problems import problems_of
 from runout.config.release_laws import OwnLaws, idle_parameters, laws_of, names_law, own_ranges, stated_laws, unknown_own
 from runout.config.schema import (
@@ -120,6 +121,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         yield from _problems(document, ("simulation",), conflicts(_stated(simulation)))
     for i, release in enumerate(releases):
         yield from _problems(document, ("release", i), release_conflicts(_stated(release)) if release else ())
+        ratio = _stated(_stated(release.get("pore_pressure")).get("ratio"))
+        yield from _problems(document, ("release", i, "pore_pressure", "ratio"), ratio_conflicts(ratio) if ratio else ())
         if names[i] in names[:i]:
             place: Location = ("release", i, "name")
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
@@ -146,6 +149,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     yield from _problems(document, (), friction_conflicts(_stated(document.values)))
     yield from _problems(document, (), mass_conflicts(_stated(document.values)))
     yield from _problems(document, (bed.BED,), bed.bed_conflicts(_stated(document.value((bed.BED,)))))
+    if not document.value((bed.BED,)):
+        yield from _problems(document, ("hazard",), without_a_bed(_stated(document.value(("hazard",)))))
     yield from _problems(document, ("ensemble", "parameters"), unused_samples([*releases, *inflows], sampled))
     yield from _problems(document, ("ensemble", "parameters"), inflow.foreign_parameters(document.values, sampled))
     yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))

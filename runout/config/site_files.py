@@ -43,7 +43,12 @@ T = TypeVar("T")
 EACH = "*"
 PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, by what is read of them
     "terrain": (("terrain", "dem"), ("terrain", "obstacles", EACH, "polygons")),
-    "releases": (("release", EACH, "polygons"), ("release", EACH, "raster"), ("release", EACH, "pore_pressure", "ratio")),
+    "releases": (
+        ("release", EACH, "polygons"),
+        ("release", EACH, "raster"),
+        ("release", EACH, "pore_pressure", "ratio"),
+        ("release", EACH, "pore_pressure", "ratio", "polygons"),
+    ),
     "zones": (("terrain", "friction_zones", EACH, "polygons"), ("terrain", "friction_rasters", EACH)),
     "probes": (("probes", "points"), ("probes", "cross_sections")),
     "structures": (("structures", EACH, "file"),),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.model.basal_friction import BasalFriction
-from runout.model.basal_strength import least_angle
+from runout.model.basal_strength import effective_shares, least_angle
 from runout.model.column_resistance import ground_below
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
@@ -70,6 +70,7 @@ def stiffness(
     frictions: Sequence[BasalFriction | float],
     strength: Sequence[float],
     zones: FrictionZones | None = None,
+    bed_ratio: float | None = None,
 ) -> Stiffness:
     """Stiffness of a run, with the moduli that are auto chosen (:meth:`runout.model.materials.Material.chosen`).
 
@@ -86,11 +87,14 @@ def stiffness(
         Basal friction of each release, or its angle [rad].
     strength : sequence of float
         Largest friction coefficient [1] that each mass passes on to the ground.
+        For a fluid at most that of its yield stress (:func:`runout.model.basal_strength.forecast_strengths`).
     zones : FrictionZones, optional
+    bed_ratio : float, optional
+        Pore pressure ratio [1] of mass from an erodible bed.
     """
     from runout.terrain.energy_line import largest_speed
 
-    effective = [r.least_effective for r in releases]
+    effective = effective_shares(releases, bed_ratio)
     bases = zip(frictions, strength, effective, strict=True)
     acting = [least_angle([friction], [s], zones, [share]) for friction, s, share in bases]
     line = largest_speed(releases, acting)
@@ -117,11 +121,12 @@ def chosen_moduli(
     frictions: Sequence[BasalFriction | float],
     strength: Sequence[float],
     zones: FrictionZones | None = None,
+    bed_ratio: float | None = None,
 ) -> tuple[Material, ...]:
     """The ``materials`` with numbers as moduli, as in :func:`stiffness`; nothing is computed where all are stated."""
     if all(not isinstance(m.youngs_modulus, str) for m in materials):
         return tuple(materials)
-    found = stiffness(materials, releases, frictions, strength, zones)
+    found = stiffness(materials, releases, frictions, strength, zones, bed_ratio)
     moduli = ", ".join(dict.fromkeys(f"{m.modulus:.3g}" for m in found.materials))
     LOGGER.info("youngs_modulus %s Pa: %s", moduli, found.statement())
     return found.materials

@@ -21,7 +21,16 @@ from runout.hazard.sampling import Estimator, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
-from runout.quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import (
+    ALL_QUANTITIES,
+    ARRIVAL,
+    ARRIVAL_PERCENTILE,
+    CHANGE,
+    CHANGE_PERCENTILE,
+    FIRST_ARRIVAL,
+    QUANTITIES,
+    MapQuantity,
+)
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -37,9 +46,13 @@ _KINDS = ("probability", "standard_error")
 _COPIES, _WEIGHTED_COPIES = 3, 12  # of a tile's values: as read and sorted; with order, summed weights and their comparison
 
 
-def stated_thresholds(hazard: Any) -> dict[str, list[float]]:
-    """Thresholds of each quantity in the settings ``hazard`` of a site."""
-    return {name: getattr(hazard, quantity.setting) for name, quantity in QUANTITIES.items()}
+def stated_thresholds(hazard: Any, bed: bool = False) -> dict[str, list[float]]:
+    """Thresholds of each quantity in the settings ``hazard`` of a site, those of an erodible bed where it has a ``bed``.
+
+    A quantity of a bed that states none has its default ones.
+    """
+    stated = {name: getattr(hazard, q.setting) for name, q in ALL_QUANTITIES.items() if bed or not q.of_bed}
+    return {name: list(ALL_QUANTITIES[name].thresholds) if limits is None else limits for name, limits in stated.items()}
 
 
 def aggregate(
@@ -69,7 +82,7 @@ def aggregate(
     weights : sequence of float
         Their weights, in the same order; any positive scale.
     thresholds : mapping of str to sequence of float
-        Thresholds by the name of the quantity (:data:`runout.quantities.QUANTITIES`), in its unit; the lowest thickness, of
+        Thresholds by the name of the quantity (:data:`runout.quantities.ALL_QUANTITIES`), in its unit; the lowest thickness, of
         which there must be one, is that of inundation. Without thresholds a quantity has its percentiles and extremes only.
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.
@@ -101,16 +114,17 @@ def aggregate(
             with MemberMaps(path) as member:
                 if number == 0:
                     quantities = _quantities_of(member, thresholds, joint)
-                    names = [*(quantity.member_map for quantity in quantities.values()), ARRIVAL]
+                    names = list(dict.fromkeys((*(quantity.member_map for quantity in quantities.values()), ARRIVAL)))
+                    per_cell = _BYTES_PER_CELL * max(1.0, (len(quantities) + 1) / len(MEMBER_MAPS))
                     place = folder or Path(path).parent
-                    store = stack.enter_context(TileStore(place, len(names), side**2, memory_bytes // 4))
+                    store = stack.enter_context(TileStore(place, len(quantities) + 1, side**2, memory_bytes // 4))
                     empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
                     maps = _Maps(empty, w, store, side, estimator)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
                     each(number, member)
-                for block in member.blocks(memory_bytes // _BYTES_PER_CELL, names):
+                for block in member.blocks(int(memory_bytes / per_cell), names):
                     maps.take(number, block)
         store.finish()
         for tile in store:
@@ -125,10 +139,15 @@ def _quantities_of(
     map_names = member.held()
     names = {name for name, limits in thresholds.items() if len(limits)} | {name for condition in joint for name in condition}
     for name in sorted(names):
-        if QUANTITIES[name].member_map not in map_names:
-            lacking = f"{member.path}: {QUANTITIES[name].member_map} is missing, which thresholds of {name} need"
+        if ALL_QUANTITIES[name].member_map not in map_names:
+            lacking = f"{member.path}: {ALL_QUANTITIES[name].member_map} is missing, which thresholds of {name} need"
             raise StorageError(f"{lacking}; run the ensemble again")
-    return {name: quantity for name, quantity in QUANTITIES.items() if quantity.member_map in map_names}
+    return {name: quantity for name, quantity in ALL_QUANTITIES.items() if quantity.member_map in map_names}
+
+
+def _values_of(quantity: MapQuantity, mapped: np.ndarray) -> np.ndarray:
+    """Values of a quantity, 0 or more, from those of its map of a member, of the same shape."""
+    return np.maximum(np.float32(quantity.sign) * mapped, np.float32(0.0)) if quantity.part_of else mapped
 
 
 def _side(weights: np.ndarray, memory_bytes: int) -> int:
@@ -158,7 +177,7 @@ class _Maps:
     def __init__(self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator):
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
         self.joint = conditions_of(dataset)
-        self.quantities = {name: quantity for name, quantity in QUANTITIES.items() if quantity.peak in dataset}
+        self.quantities = {name: quantity for name, quantity in ALL_QUANTITIES.items() if quantity.peak in dataset}
         self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
         self.shape = (dataset.sizes["y"], dataset.sizes["x"])
         self.across = -(-self.shape[1] // side)
@@ -178,7 +197,7 @@ class _Maps:
         place = (block.rows, block.columns)
         first = self.maps[FIRST_ARRIVAL][place]
         np.fmin(first, block.maps[ARRIVAL], out=first)
-        layers = [block.maps[quantity.member_map] for quantity in self.quantities.values()]
+        layers = [_values_of(quantity, block.maps[quantity.member_map]) for quantity in self.quantities.values()]
         for quantity, layer in zip(self.quantities.values(), layers, strict=True):
             if np.isnan(layer.min()):
                 self.maps[quantity.peak][place][np.isnan(layer)] = np.nan
@@ -194,6 +213,8 @@ class _Maps:
             self._put_quantity(tile, quantity, self.store.values_of(tile, k), members)
         for k, condition in enumerate(self.joint):
             self._put_joint(tile, condition, k, members)
+        if CHANGE_PERCENTILE in self.maps:
+            self._put_change(tile, members)
         arrival = self.store.values_of(tile, len(self.quantities))
         arrival[np.isnan(arrival)] = np.inf
         percentiles = CellValues(arrival, members, self.weights, absent=np.inf).percentiles(self.dataset["percentile"].values)
@@ -204,7 +225,8 @@ class _Maps:
         limits = self.limits[quantity.name]
         spread = self.estimator.spread(unsorted, members, len(self.weights), limits)
         values = CellValues(unsorted, members, self.weights)
-        self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
+        if quantity.percentile:
+            self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
         if quantity.mean:
             self._put(tile, quantity.mean, values.mean)
         for k, limit in enumerate(limits):
@@ -213,6 +235,15 @@ class _Maps:
                 self._put(tile, "inundation_probability", p)
                 self._put(tile, "members_reached", np.where(values.peak > 0, values.count(limit), 0))
         self._put(tile, quantity.peak, np.where(np.isnan(self._cells(tile, quantity.peak)), np.nan, values.peak))
+
+    def _put_change(self, tile: int, members: np.ndarray) -> None:
+        """Percentiles of a map with values of both signs: members that have none here have 0, between the others."""
+        whole = np.zeros((self.side**2, len(self.weights)), np.float32)
+        for k, quantity in enumerate(self.quantities.values()):
+            if quantity.part_of == CHANGE:
+                whole[:, members] += np.float32(quantity.sign) * self.store.values_of(tile, k)
+        values = CellValues(whole, np.arange(len(self.weights)), self.weights)
+        self._put(tile, CHANGE_PERCENTILE, values.percentiles(self.dataset["percentile"].values))
 
     def _put_joint(self, tile: int, condition: Condition, index: int, members: np.ndarray) -> None:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
@@ -259,6 +290,8 @@ class _Maps:
             of_some = ("inundation_probability", "members_reached") if name == "thickness" else ()
             for product in (*map(quantity.exceedance, _KINDS), quantity.percentile, quantity.mean, *of_some):
                 self._undefine(product, undefined[name])
+            if quantity.part_of:
+                self._undefine(f"{quantity.part_of}_percentile", undefined[name])
         for k, condition in enumerate(self.joint):
             unknown = np.any([undefined[name] for name in condition], axis=0)
             for kind in _KINDS:
@@ -318,8 +351,9 @@ def empty_maps(
     netcdf.add_map(dataset, "members_reached", zeros_by_page(shape, np.int32))
     netcdf.add_map(dataset, FIRST_ARRIVAL, np.full(shape, np.nan, np.float32))
     layers_of_percentiles = (dataset.sizes["percentile"], *shape)
-    for quantity in quantities.values():
-        netcdf.add_map(dataset, quantity.percentile, zeros_by_page(layers_of_percentiles, np.float32), ("percentile",))
+    of_quantities = [q.percentile or f"{q.part_of}_percentile" for q in quantities.values()]
+    for name in dict.fromkeys(of_quantities):
+        netcdf.add_map(dataset, name, zeros_by_page(layers_of_percentiles, np.float32), ("percentile",))
     netcdf.add_map(dataset, ARRIVAL_PERCENTILE, np.full(layers_of_percentiles, np.nan, np.float32), ("percentile",))
     dataset["effective_sample_size"] = effective_sample_size(weights)
     return dataset

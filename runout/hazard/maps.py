@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.hazard.bed_maps import BED_PRODUCTS
+from runout.hazard.bed_maps import BED_MEANS, CHANGES
 from runout.hazard.joint import conditions_of
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
 from runout.quantities import (
+    ALL_QUANTITIES,
     ARRIVAL_PERCENTILE,
+    BED_QUANTITIES,
+    CHANGE_PERCENTILE,
     DEPOSIT,
     FIRST_ARRIVAL,
     INFLOW_MAP,
@@ -44,9 +47,10 @@ OBSERVED_MAPS = (  # of sites with observations
 )
 TERRAIN_MAPS = ("elevation", "ground_slope", "release_thickness")
 _VALUE = r"_[-+.0-9e]+(kPa)?"
-_JOINT = rf"(_({'|'.join(QUANTITIES)}){_VALUE})+"
+_JOINT = rf"(_({'|'.join(ALL_QUANTITIES)}){_VALUE})+"
 OWN_MAP = re.compile(rf"({'|'.join(VARIABLES)})((_over)?({_VALUE})?|{_JOINT})\.(tif|qml|tif\.aux\.xml)")  # names of map_layers
-PERCENTILES = (*(q.percentile for q in QUANTITIES.values()), ARRIVAL_PERCENTILE)
+BED_SUMMARIES = (*(name for q in BED_QUANTITIES.values() for name in (q.mean, q.peak) if name), *BED_MEANS)
+PERCENTILES = (*(q.percentile for q in ALL_QUANTITIES.values() if q.percentile), CHANGE_PERCENTILE, ARRIVAL_PERCENTILE)
 _KINDS = ("probability", "standard_error")
 
 
@@ -54,16 +58,16 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for name in dict.fromkeys((INFLOW_MAP, *BED_PRODUCTS, *OBSERVED_MAPS)):
+    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS)):
         if name in hazard:
             yield name, name, {}
-    for quantity in QUANTITIES.values():
+    for quantity in ALL_QUANTITIES.values():
         for name in map(quantity.exceedance, _KINDS):
             for value in hazard[quantity.threshold].values if quantity.threshold in hazard.coords else ():
                 yield f"{name}_over_{_stem(quantity, value)}", name, {quantity.threshold: float(value)}
     for kind in _KINDS:
         for number, condition in enumerate(conditions_of(hazard), 1):
-            of = "_".join(f"{name}_{_stem(QUANTITIES[name], limit)}" for name, limit in condition.items())
+            of = "_".join(f"{name}_{_stem(ALL_QUANTITIES[name], limit)}" for name, limit in condition.items())
             yield f"joint_exceedance_{kind}_{of}", f"joint_exceedance_{kind}", {"joint": number}
     for name in PERCENTILES:
         for value in hazard["percentile"].values if name in hazard else ():
@@ -71,7 +75,10 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
 
 
 def write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
-    """Paths of a GeoTIFF and a QGIS style of every map of :func:`map_layers`; layers of one variable share their classes."""
+    """Paths of a GeoTIFF and a QGIS style of every map of :func:`map_layers`; layers of one variable share their classes.
+
+    Mean and percentiles of the change of elevation share one scale, symmetric about 0.
+    """
     paths = []
     styles: dict[str, str] = {}
     for stem, name, selection in map_layers(hazard):
@@ -84,8 +91,10 @@ def write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
 
 def _style(hazard: "xr.Dataset", name: str) -> str:
     units, divisor = VARIABLES[name].printed
-    values = hazard[name].values[np.isfinite(hazard[name].values)] / divisor
-    smallest, largest = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    alike = [other for other in CHANGES if other in hazard] if name in CHANGES else [name]
+    finite = [hazard[other].values[np.isfinite(hazard[other].values)] / divisor for other in alike]
+    ends = [end for values in finite if values.size for end in (float(values.min()), float(values.max()))]
+    smallest, largest = (min(ends), max(ends)) if ends else (0.0, 0.0)
     return qml(class_edges(name, _thresholds(hazard, name), smallest, largest), units, name)
 
 

@@ -117,7 +117,7 @@ def _write_members(
     """
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
-    of_bed = BedMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
+    of_bed = BedMaps(ensemble.weights)
     title = f"{_title(site)}: members of the ensemble"
     with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as copy:
 
@@ -170,7 +170,8 @@ def hazard_dataset(
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
     estimator = Estimator.of(ensemble.table, ensemble.files)
-    thresholds, joint = stated_thresholds(settings), stated_conditions(settings)
+    thresholds = stated_thresholds(settings, bed=getattr(site.settings, "bed", None) is not None)
+    joint = stated_conditions(settings)
     over_members = aggregate(
         files, ensemble.weights, thresholds, settings.percentiles, joint=joint, estimator=estimator, folder=folder, each=each
     )

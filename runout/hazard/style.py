@@ -12,7 +12,7 @@ PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 DIVERGING = "RdBu_r"
 _SIGNED = ("difference", "change")  # symmetric about 0
 _RAMPS = dict.fromkeys(_SIGNED, DIVERGING)
-_RAMPS |= {"standard_error": "Purples", "probability": "YlOrRd", "arrival": "viridis_r", "members": "YlOrRd"}
+_RAMPS |= {"standard_error": "Purples", "probability": "YlOrRd", "share": "YlOrBr", "arrival": "viridis_r", "members": "YlOrRd"}
 _RAMPS |= {"elevation": "cividis", "slope": "YlOrBr", "safety": "RdYlBu", "drainage": "YlGnBu", "sink": "Blues"}
 _DEFAULT_RAMP = "plasma_r"
 _GROUND = ("elevation", "slope")
@@ -41,7 +41,7 @@ def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest
         return [-top, -0.5 * top, 0.0, 0.5 * top, top]
     if "standard_error" in name:
         return _ticks(0.0, largest)
-    if "probability" in name:
+    if "probability" in name or "share" in name:
         return [0.0, *PROBABILITY_LEVELS]
     if name == "elevation":
         return _ticks(smallest, largest)

@@ -14,7 +14,7 @@ from runout.io import netcdf
 from runout.io.grid import grid_coordinates
 from runout.io.window import NEVER_BELOW, Part
 from runout.model.terrain import Terrain
-from runout.quantities import ARRIVAL, bed_map_names, member_map_names
+from runout.quantities import WITHOUT_VALUE, bed_map_names, member_map_names
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -187,20 +187,20 @@ class MemberMaps:
                 yield Block(_moved(rows, self.part.row), _moved(columns, self.part.column), maps)
 
     def layer(self, name: str, known: np.ndarray | None) -> np.ndarray:
-        """One map on the whole raster: no arrival and 0 beyond the part, NaN there on cells that are not ``known``."""
+        """One map on the whole raster: 0 or, of some maps, no value beyond the part; NaN there on cells that are not ``known``."""
         values = self._values(name, slice(None), slice(None))
         if not self.is_part:
             return values
-        whole = np.full(self.shape, np.nan if name == ARRIVAL else 0.0, np.float32)
+        whole = np.full(self.shape, np.nan if name in WITHOUT_VALUE else 0.0, np.float32)
         if known is not None:
             whole[~known] = np.nan
         whole[self.part.slices] = values
         return whole
 
     def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
-        """One map in a rectangle of the whole raster: no arrival and 0 beyond the part that the file holds."""
+        """One map in a rectangle of the whole raster: 0 or, of some maps, no value beyond the part that the file holds."""
         rows, columns = (range(size)[span] for size, span in zip(self.shape, place, strict=True))
-        found = np.full((len(rows), len(columns)), np.nan if name == ARRIVAL else 0.0, np.float32)
+        found = np.full((len(rows), len(columns)), np.nan if name in WITHOUT_VALUE else 0.0, np.float32)
         top, bottom = max(rows.start, self.part.row), min(rows.stop, self.part.row + self.part.rows)
         left, right = max(columns.start, self.part.column), min(columns.stop, self.part.column + self.part.columns)
         if top < bottom and left < right:
@@ -218,8 +218,8 @@ class MemberMaps:
         """Values of a map in a rectangle of what the file holds; NaN where there is none."""
         with netcdf.reading(self.path, f"{name} "):
             values: np.ndarray = np.asarray(self.file[name][rows, columns], np.float32)
-        least = VARIABLES[name].valid_min
-        below = values < (-np.inf if least is None else least)  # fill values among them
+        least, fill = VARIABLES[name].valid_min, np.float32(VARIABLES[name].fill or np.nan)
+        below = values == fill if least is None else values < least  # fill values among them
         if below.any():
             values[below] = np.nan
         return values

@@ -61,6 +61,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
         the memory.
     """
     import rasterio
+    from rasterio._err import CPLE_BaseError  # of damaged metadata: rasterio does not convert those of every property
     from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
     from rasterio.io import DatasetReader
 
@@ -76,7 +77,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
                 require_own_grids(dataset.crs.to_wkt() if dataset.crs else "", name, error)
                 _require_blocks(dataset, name, error)
                 yield dataset
-        except (RasterioError, CRSError, UnicodeError) as cause:
+        except (RasterioError, CRSError, CPLE_BaseError, UnicodeError) as cause:
             remedy = "check it with `gdalinfo`, or write it as GeoTIFF"
             raise error(f"{name}: cannot be read as a raster ({cause}); {remedy}") from cause
 

@@ -48,6 +48,10 @@ class HerschelBulkley(Material):
         """Infinite: in fast shear viscosity passes on any stress."""
         return math.inf
 
+    def resting_strength(self, pressure: float) -> float:
+        """Yield stress over the normal stress [1]."""
+        return self.yield_stress / pressure
+
 
 def viscous_stress(excess: Any, mat: Any):
     """Viscous stress w [Pa] of a step whose trial stress lies ``excess`` [Pa] above the yield stress.

@@ -23,6 +23,30 @@ def strengths(materials: Sequence[Material], height: float) -> tuple[float, ...]
     return tuple(m.shear_strength(m.density * STANDARD_GRAVITY * height) for m in materials)
 
 
+def forecast_strengths(materials: Sequence[Material], releases: Sequence[Release], height: float) -> tuple[float, ...]:
+    """Those of :func:`strengths` for forecasts: a fluid flows on ground that holds it, where its yield stress does not.
+
+    The yield stress counts with the weight of the mean thickness of each release; mass that spreads is thinner and stands on
+    steeper ground. So forecasts state too long a run-out rather than too short a one.
+    """
+    passed = zip(materials, releases, strengths(materials, height), strict=True)
+    return tuple(min(most, resting_strength(m, r)) for m, r, most in passed)
+
+
+def resting_strength(material: Material, release: Release, factor: float = 1.0) -> float:
+    """Friction coefficient [1] at which a yield stress holds a release of ``factor`` times its mean thickness."""
+    return material.resting_strength(material.density * STANDARD_GRAVITY * factor * release.mean_thickness)
+
+
+def effective_shares(releases: Sequence[Release], bed_ratio: float | None = None) -> list[float]:
+    """Least share [1] of the normal stress that the grains of each release carry, with mass of a bed of a pore pressure ratio.
+
+    Mass that a dry release takes up is dry.
+    """
+    wettest = 1.0 if bed_ratio is None else 1.0 - bed_ratio
+    return [min(r.least_effective, wettest) if r.pore_pressure else r.least_effective for r in releases]
+
+
 def frictions_under(releases: Sequence[Release], basal: BasalFriction | float) -> list[BasalFriction | float]:
     """Basal friction under each release, or its friction angle [rad]; ``basal`` is that of the run."""
     return [r.friction_on(basal) for r in releases]

@@ -158,6 +158,13 @@ class Material:
         slope, intercept = self.yield_cone
         return math.inf if slope >= UNYIELDING else geostatic.shear_strength(slope, intercept / pressure)
 
+    def resting_strength(self, pressure: float) -> float:
+        """Largest shear stress over a normal stress of ``pressure`` [Pa] under which a layer that stands does not flow [1].
+
+        Infinite where :meth:`shear_strength` limits rest and flow alike. A fluid with a yield stress passes on more while it flows.
+        """
+        return math.inf
+
     @property
     def rest_ratio(self) -> float:
         """Horizontal over vertical stress at rest [1].

@@ -1,6 +1,6 @@
 """Pore pressure of a released mass: ratio at the start, the one that stays, how it drains (:mod:`runout.physics.pore_pressure`)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +44,104 @@ class RatioBlocks:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class RatioZones:
+    """Ratios by zones of the plan: stated for each zone, or drawn for each.
+
+    Parameters
+    ----------
+    zone : ndarray (rows, columns) of int
+        Number of the zone of each cell of the terrain, the north-west corner first; -1 where there is none.
+    ratio : float or ndarray (zones,), optional
+        Pore pressure ratio [1], 0 to 0.97, of all zones or of each.
+    low, high : float, optional
+        Instead: each zone has a ratio of its own [1], uniform from ``low`` to ``high``, which the seed of a run draws.
+    elsewhere : float, optional
+        Ratio [1] beyond all zones. Without it mass beyond them is refused.
+
+    Raises
+    ------
+    ReleaseError
+        If a number is out of its range, or not exactly one of ``ratio`` and the pair of ``low`` and ``high`` is given.
+    """
+
+    zone: np.ndarray
+    ratio: float | np.ndarray | None = None
+    low: float | None = None
+    high: float | None = None
+    elsewhere: float | None = None
+
+    def __post_init__(self) -> None:
+        zone = np.array(real_array(self.zone, "pore_pressure: ratio: zone", ReleaseError), np.int32)
+        if zone.ndim != 2 or (zone < 0).all():
+            raise ReleaseError(
+                f"pore_pressure: ratio: zone has shape {zone.shape}; give the number of the zone of each cell of the terrain, from "
+                "0, -1 where there is none"
+            )
+        zone.setflags(write=False)
+        object.__setattr__(self, "zone", zone)
+        for key, message, fix in zone_conflicts(
+            {n: getattr(self, n) for n in ("ratio", "low", "high") if getattr(self, n) is not None}
+        ):
+            raise ReleaseError(f"pore_pressure: ratio: {key}{': ' if key else ''}{message}; {fix}")
+        for name in ("low", "high", "elsewhere"):
+            if getattr(self, name) is not None:
+                checked("pore_pressure_ratio", getattr(self, name), key=f"pore_pressure: ratio: {name}", error=ReleaseError)
+        if self.ratio is not None:
+            ratios = np.broadcast_to(np.asarray(self.ratio, np.float64), (self.count,)) if np.ndim(self.ratio) == 0 else self.ratio
+            if np.shape(ratios) != (self.count,):
+                raise ReleaseError(
+                    f"pore_pressure: ratio: there are {np.size(ratios)} ratios for {self.count} zones; give one for each"
+                )
+            for ratio in np.asarray(ratios).tolist():
+                checked("pore_pressure_ratio", ratio, key="pore_pressure: ratio: ratio", error=ReleaseError)
+
+    @property
+    def count(self) -> int:
+        """Number of zones."""
+        return int(self.zone.max()) + 1
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Smallest and largest ratio [1] that is stated or may be drawn."""
+        stated = [self.low, self.high, self.elsewhere] if self.ratio is None else [*np.ravel(self.ratio).tolist(), self.elsewhere]
+        known = [ratio for ratio in stated if ratio is not None]
+        return min(known), max(known)
+
+    def of_zones(self, seed: Sequence[int]) -> np.ndarray:
+        """Ratio (zones,) [1] of each zone; ``seed`` of the draw."""
+        if self.ratio is not None:
+            return np.broadcast_to(np.asarray(self.ratio, np.float64), (self.count,))
+        assert self.low is not None
+        assert self.high is not None
+        drawn = [np.random.default_rng([*seed, STREAM, number]).random() for number in range(self.count)]
+        return self.low + (self.high - self.low) * np.array(drawn)
+
+    def on_cells(self, seed: Sequence[int]) -> np.ndarray:
+        """Ratios (rows, columns) [1] on the cells of the terrain; NaN where there is neither a zone nor a ratio elsewhere."""
+        beyond = np.nan if self.elsewhere is None else self.elsewhere
+        return np.append(self.of_zones(seed), beyond)[self.zone]
+
+
+def zone_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Conflicts between ratio, low and high of zones, of which those are ``given``: key, what is wrong, remedy."""
+    ends = [name for name in ("low", "high") if name in given]
+    if "ratio" in given and ends:
+        yield ends[0], "ratio is given too", "give ratio, or low and high, which each member draws for each zone"
+    elif "ratio" not in given and len(ends) < 2:
+        said = "neither ratio nor low and high are given" if not ends else f"{ends[0]} is given alone"
+        yield "", said, "give ratio, or low and high, which each member draws for each zone"
+    else:
+        yield from end_conflicts(given)
+
+
+def end_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Conflict between low and high, which may still be of a wrong type: key, what is wrong, remedy."""
+    low, high = given.get("low"), given.get("high")
+    if isinstance(low, int | float) and isinstance(high, int | float) and low > high:
+        yield "low", f"low ({low:g}) is above high ({high:g})", "exchange them"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PorePressure:
     """Pore pressure of a mass: the share of the total normal stress that water carries at the start, and how it drains.
 
@@ -52,9 +150,10 @@ class PorePressure:
 
     Parameters
     ----------
-    ratio : float, ndarray (rows, columns) or mapping
+    ratio : float, ndarray (rows, columns), mapping or RatioZones
         Pore pressure over total normal stress at the start [1], 0 to 0.97: one number; numbers on the cells of the terrain, the
-        north-west corner first; or ``{"low": ..., "high": ..., "block": ...}`` for random numbers by blocks of that size [m].
+        north-west corner first; ``{"low": ..., "high": ..., "block": ...}`` for random numbers by blocks of that size [m]; or
+        zones, each with its ratio.
     saturation : float
         Share of the thickness that stands in water [1], 0 to 1.
     diffusivity : float, optional
@@ -89,11 +188,15 @@ class PorePressure:
     @property
     def highest(self) -> float:
         """Largest ratio at the start [1] that is stated; with random ratios the largest that may be drawn."""
+        if isinstance(self.ratio, RatioZones):
+            return self.ratio.ends[1]
         return self.ratio.high if isinstance(self.ratio, RatioBlocks) else float(np.nanmax(self.ratio))
 
     @property
     def lowest(self) -> float:
         """Smallest ratio likewise [1]."""
+        if isinstance(self.ratio, RatioZones):
+            return self.ratio.ends[0]
         return self.ratio.low if isinstance(self.ratio, RatioBlocks) else float(np.nanmin(self.ratio))
 
     def equilibrium(self, density: float) -> float:
@@ -121,18 +224,31 @@ class PorePressure:
                 f"{what}: pore_pressure: saturation is {self.saturation:g} and the density {density:g} kg/m3: water carries "
                 f"{rest:.3g} of the weight, at most {formulas.LARGEST_RATIO:g} can be computed; lower saturation, or raise density"
             )
-        if not isinstance(self.ratio, np.ndarray):
+        self.require_known(thickness, what)
+
+    def require_known(self, thickness: np.ndarray, what: str) -> None:
+        """Nothing, if the ratios are known where a release with a ``thickness`` (rows, columns) [m] has mass.
+
+        Raises
+        ------
+        ReleaseError
+            If a raster or zones have another shape, or no number where mass is released.
+        """
+        zoned = isinstance(self.ratio, RatioZones)
+        cells = self.ratio.on_cells((0,)) if zoned else self.ratio
+        if not isinstance(cells, np.ndarray):
             return
-        if self.ratio.shape != thickness.shape:
+        if cells.shape != thickness.shape:
             raise ReleaseError(
-                f"{what}: pore_pressure: ratio has shape {self.ratio.shape}, the terrain {thickness.shape}; give it on its cells"
+                f"{what}: pore_pressure: ratio has shape {cells.shape}, the terrain {thickness.shape}; give it on its cells"
             )
-        missing = np.argwhere((thickness > 0) & np.isnan(self.ratio))
+        missing = np.argwhere((thickness > 0) & np.isnan(cells))
         if len(missing):
             row, column = missing[0]
+            fix = "give elsewhere, the ratio beyond all zones, or extend the polygons" if zoned else "fill the raster there"
             raise ReleaseError(
                 f"{what}: pore_pressure: ratio has no value at row {row}, column {column}, {len(missing)} cells of the release in "
-                "all; fill the raster there"
+                f"all; {fix}"
             )
 
     def doubt(self, density: float, what: str) -> str:
@@ -150,24 +266,29 @@ class PorePressure:
         """Ratios (n,) [1] at local positions (n,) [m]; ``cell_size`` [m] of the terrain, ``seed`` of the draw."""
         if isinstance(self.ratio, RatioBlocks):
             return self.ratio.at(x, y, seed)
-        if not isinstance(self.ratio, np.ndarray):
-            return np.full(len(x), float(self.ratio))
-        rows, columns = self.ratio.shape
+        ratio = self.ratio.on_cells(seed) if isinstance(self.ratio, RatioZones) else self.ratio
+        if not isinstance(ratio, np.ndarray):
+            return np.full(len(x), float(ratio))
+        rows, columns = ratio.shape
         column = np.clip(np.floor(x / cell_size[0]).astype(np.int64), 0, columns - 1)
         row = np.clip(rows - 1 - np.floor(y / cell_size[1]).astype(np.int64), 0, rows - 1)
-        found = self.ratio[row, column]
-        return np.where(np.isnan(found), np.nanmean(self.ratio), found)  # a particle that the jitter moved off the release
+        found = ratio[row, column]
+        return np.where(np.isnan(found), np.nanmean(ratio), found)  # a particle that the jitter moved off the release
 
     def content(self) -> list[np.ndarray]:
         """All that particles depend on, as arrays."""
+        numbers = np.array([self.saturation, self.diffusivity or 0.0, self.decay_time or 0.0])
+        if isinstance(self.ratio, RatioZones):
+            ends = [np.nan if end is None else end for end in (self.ratio.low, self.ratio.high, self.ratio.elsewhere)]
+            stated = np.nan if self.ratio.ratio is None else self.ratio.ratio
+            return [self.ratio.zone, np.asarray(stated, np.float64), np.array(ends), numbers]
         ratio = [self.ratio.low, self.ratio.high, self.ratio.block] if isinstance(self.ratio, RatioBlocks) else self.ratio
-        numbers = [self.saturation, self.diffusivity or 0.0, self.decay_time or 0.0]
-        return [np.asarray(ratio, np.float64), np.array(numbers)]
+        return [np.asarray(ratio, np.float64), numbers]
 
 
 def _checked_ratio(ratio: Any) -> Any:
     """A ratio as a number, an array with NaN where it is not known, or blocks; ReleaseError if it is out of range."""
-    if isinstance(ratio, RatioBlocks):
+    if isinstance(ratio, RatioBlocks | RatioZones):
         return ratio
     if isinstance(ratio, Mapping):
         if set(ratio) != set(BLOCKS):

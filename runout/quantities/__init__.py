@@ -1,7 +1,8 @@
 """Quantities that runout maps: each file of this folder is one, and no other file lists them.
 
 A quantity makes the maps of members, the products over the members, the settings and the report. Its formula takes a column of the
-flow: thickness [m], speed [m/s] and density [kg/m3]. The time of arrival has a map of its own and no formula.
+flow: thickness [m], speed [m/s] and density [kg/m3]. The time of arrival has a map of its own and no formula. Quantities of an
+erodible bed have maps only where members have one.
 """
 
 import importlib
@@ -11,10 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 DEPOSIT = "deposit"
-ERODED, CHANGE = "eroded_depth", "elevation_change"  # maps at the end of a run with an erodible bed
+ERODED, CHANGE, SHARE = "eroded_depth", "elevation_change", "bed_share"  # maps at the end of a run with an erodible bed
 INFLOW_MAP = "inflow_thickness"  # of the products of a site with inflows
 ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
 UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
+CHANGE_PERCENTILE = "elevation_change_percentile"
+WITHOUT_VALUE = (ARRIVAL, SHARE)  # maps of a member that hold no value, not 0, beyond its flow or its deposit
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,13 @@ class MapQuantity:
         Sentence for the caption of its map.
     place : int
         Order among the quantities of files and pages; those of one place follow by name.
+    of_bed : bool
+        Whether it is one of an erodible bed: then it has no formula, and its maps exist where members have a bed.
+    part_of : str
+        Map of a member with values of both signs, of which the quantity is one part; it has no percentiles then. Default: a map of
+        its own.
+    sign : int
+        Sign of that part, -1 or 1; its values count as positive.
     """
 
     name: str
@@ -71,6 +81,9 @@ class MapQuantity:
     has_mean: bool = False
     remark: str = ""
     place: int = 10
+    of_bed: bool = False
+    part_of: str = ""
+    sign: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stem", self.stem or self.name)
@@ -84,12 +97,12 @@ class MapQuantity:
     @property
     def member_map(self) -> str:
         """Name of the map of a member."""
-        return f"max_{self.stem}" if self.formula else self.stem
+        return self.part_of or (f"max_{self.stem}" if self.formula else self.stem)
 
     @property
     def percentile(self) -> str:
-        """Name of the percentiles over the members."""
-        return f"{self.stem}_percentile"
+        """Name of the percentiles over the members; empty if there are none."""
+        return "" if self.part_of else f"{self.stem}_percentile"
 
     @property
     def peak(self) -> str:
@@ -127,7 +140,9 @@ class MapQuantity:
 
 
 _FILES = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-QUANTITIES: dict[str, MapQuantity] = {q.name: q for q in sorted((f.QUANTITY for f in _FILES), key=lambda q: (q.place, q.name))}
+ALL_QUANTITIES: dict[str, MapQuantity] = {q.name: q for q in sorted((f.QUANTITY for f in _FILES), key=lambda q: (q.place, q.name))}
+QUANTITIES = {name: q for name, q in ALL_QUANTITIES.items() if not q.of_bed}  # of every flow
+BED_QUANTITIES = {name: q for name, q in ALL_QUANTITIES.items() if q.of_bed}
 
 
 def peak_quantities() -> list[MapQuantity]:
@@ -142,10 +157,10 @@ def member_map_names() -> tuple[str, ...]:
 
 def bed_map_names() -> tuple[str, ...]:
     """Names of the maps that members with an erodible bed have besides."""
-    return ERODED, CHANGE
+    return ERODED, CHANGE, SHARE
 
 
 def quantity_of(variable: str) -> MapQuantity | None:
     """The quantity whose values a map shows, None for probabilities, times and the ground."""
-    shown = {name: q for q in QUANTITIES.values() for name in (q.member_map, q.percentile, q.peak, q.mean) if name}
-    return shown.get(variable)
+    shown = {name: q for q in ALL_QUANTITIES.values() for name in (q.percentile, q.peak, q.mean) if name}
+    return (shown | {q.member_map: q for q in ALL_QUANTITIES.values() if not q.part_of}).get(variable)

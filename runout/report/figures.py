@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.parameter_variables import parameter_variable
+from runout.hazard.order import weighted_percentiles
 from runout.report.maps import WIDE
 from runout.report.marks import INK
 from runout.report.members import FIGURES, Ledger, representative
@@ -14,11 +15,13 @@ from runout.report.wording import unit
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 BUDGET = {  # shares of the released potential energy: label and colour, from the bottom of the stack
     "basal_dissipation": ("friction at the ground", "#7a5c3e"),
     "structure_dissipation": ("structures", "#8f3b3b"),
     "plastic_dissipation": ("plastic flow", "#c98b4b"),
+    "entrainment_dissipation": ("taking up the bed", "#5e8c61"),
     "numerical_dissipation": ("numerical loss", "#b9bec5"),
     "escaped_energy": ("carried over the edge", "#4d4d57"),
     "elastic_energy": ("elastic", "#7fb7be"),
@@ -57,9 +60,12 @@ def energy_budget(ledger: Ledger) -> dict[str, np.ndarray]:
 
 
 def draw_budget(axes: Any, ledger: Ledger) -> None:
-    """Stacked shares of the released potential energy against time; the dashed line is the energy released so far."""
+    """Stacked shares of the released potential energy against time; the dashed line is the energy released so far.
+
+    It includes the potential energy of mass from a bed.
+    """
     time, released = ledger["time"], ledger["potential_energy"]
-    released = released[0] - released
+    released = released[0] - released + ledger.get("entrained_energy", 0.0)
     scale, prefix = energy_unit(float(np.abs(released).max()))
     parts = {name: values for name, values in energy_budget(ledger).items() if name not in AT_TIMES or values.any()}
     stacked = [np.maximum(values, 0.0) / scale for values in parts.values()]
@@ -128,3 +134,21 @@ def tidy(axes: Any, across: str = "time since release [s]") -> None:
     axes.spines[["top", "right"]].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set(linewidth=0.6, color=INK)
+
+
+def reach_figure(hazard: "xr.Dataset", weights: np.ndarray) -> Any:
+    """Figure of the volumes by reach: median and 90 % range of the valid members (weights of sum 1), and observed."""
+    figure, axes = _panel(3.4)
+    volumes = weighted_percentiles(hazard["reach_volume"].values, weights, (5.0, 50.0, 95.0))
+    places = np.arange(hazard.sizes["reach"])
+    axes.bar(places, volumes[1], 0.62, color="#c9d6df", label="median of the members", zorder=2)
+    reach = np.stack([volumes[1] - volumes[0], volumes[2] - volumes[1]])
+    axes.errorbar(places, volumes[1], reach, fmt="none", ecolor="#1f6f8b", capsize=4, label="90 % of the members", zorder=3)
+    axes.plot(places, hazard["observed_reach_volume"].values, "o", color=INK, markersize=5, label="observed", zorder=4)
+    ends = zip(hazard["reach_start"].values, hazard["reach_end"].values, strict=True)
+    axes.set_xticks(places, [f"{start:g} to {end:g}" for start, end in ends], rotation=30 if len(places) > 4 else 0)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.set_ylabel("net change of volume [m³]")
+    axes.legend(fontsize=SMALL, frameon=False)
+    tidy(axes, "reach along the thalweg [m]")
+    return figure

@@ -3,6 +3,7 @@
 from base64 import b64encode
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from runout.report.stills import Stills
 
-Cells = tuple[np.ndarray, str]  # values of a map (rows, columns) and its key in STYLES
+Cells = tuple[np.ndarray, str, float]  # values of a map (rows, columns), its key in STYLES, and the end of a shared scale
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
 
@@ -131,10 +132,19 @@ def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, A
         "statement": stated["statement"][:1].upper() + stated["statement"][1:],
         "scores": score_tables(whole["scores"]),
         "reaches": reach_tables(whole.get("reaches"), study.hazard.get("reach_volume")),
+        "reach_figure": _reach_figure(study),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
         "members": range_table(whole["scores"], members, _parameters(study, members)) if len(members) > 1 else [],
         "sheets": printed,
     }
+
+
+def _reach_figure(study: Study) -> str | None:
+    """Picture of the volumes by reach; None for a site without reaches."""
+    if "reach_volume" not in study.hazard:
+        return None
+    weights = study.valid.loc[study.hazard["realization"].values, "weight"].to_numpy(np.float64)
+    return embedded(png(figures.reach_figure(study.hazard, weights / weights.sum())))
 
 
 def _parameters(study: Study, members: Iterable[str]) -> dict[str, dict[str, float]]:
@@ -175,7 +185,7 @@ def _plots(study: Study) -> dict[str, Any]:
 def _printed(drawn: list[sheets.Sheet], basemap: Basemap, window: Window, helpers: Helpers) -> list[dict[str, str | None]]:
     """Title, caption and picture of maps, of which each free helper draws a share."""
     ground = basemap.cropped(window)
-    cells = [(sheet.values[window], sheet.style) for sheet in drawn]
+    cells = [(sheet.values[window], sheet.style, sheet.top) for sheet in drawn]
     count = len(helpers.free) + 1
     shares = [cells[part[0] : part[-1] + 1] for part in np.array_split(np.arange(len(cells)), count) if part.size]
     elsewhere = [helpers.do(partial(_pictures, ground, share)) for share in shares[1:]]
@@ -188,7 +198,8 @@ def _pictures(ground: Basemap, cells: list[Cells]) -> list[str | None]:
     """Pictures of maps; each is compressed while the next is drawn."""
     pictures = MapPictures(ground, ground.whole)
     with ThreadPoolExecutor(1) as pool:
-        images = [pool.submit(encoded, pictures.pixels(values, STYLES[style])) for values, style in cells]
+        styles = [replace(STYLES[style], top=top or STYLES[style].top) for _, style, top in cells]
+        images = [pool.submit(encoded, pictures.pixels(c[0], style)) for c, style in zip(cells, styles, strict=True)]
         return [embedded(image.result()) for image in images]
 
 

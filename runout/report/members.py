@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.quantities import INFLOW_MAP, QUANTITIES
+from runout.hazard.order import weighted_percentiles
+from runout.quantities import ALL_QUANTITIES, CHANGE, DEPOSIT, ERODED, INFLOW_MAP, QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +34,16 @@ FIGURES = {
     "deposit_volume": Column("Deposit beyond", "m³", "volume that lies outside the release area at the end"),
     "escaped_fraction": Column("Escaped", "%", "share of the mass that left the elevation raster"),
     "end_time": Column("End", "s", "time at which the run stopped"),
+}
+
+
+VOLUMES = {  # of members with an erodible bed
+    "released_volume": Column("Released", "m³", "volume of the release"),
+    "eroded_volume": Column("Eroded", "m³", "volume of the bed that the flow took up"),
+    "whole_deposit_volume": Column("Deposited", "m³", "volume of the deposit on the raster at the end"),
+    "left_volume": Column("Left the site", "m³", "volume of the mass that left the elevation raster"),
+    "lowered_volume": Column("Net erosion", "m³", "volume by which the ground is lower than before the failure"),
+    "raised_volume": Column("Net deposition", "m³", "volume by which the ground is higher than before the failure"),
 }
 
 
@@ -69,7 +80,7 @@ class Reach:
         """Distances on the raster of the hazard maps."""
         released = started_on(hazard)
         covered = released | np.isfinite(hazard["first_arrival_time"].values)
-        for quantity in QUANTITIES.values():
+        for quantity in ALL_QUANTITIES.values():
             if quantity.peak in hazard:
                 covered |= hazard[quantity.peak].values > 0
         part = _bounds(covered)
@@ -141,6 +152,7 @@ def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach) -> dict[s
     distance, angle = reach.runout(reached)
     deposit = np.nan_to_num(maps["deposit_thickness"][~reach.released])
     total = float(ledger["mass"][-1] + ledger["escaped_mass"][-1])
+    of_bed = _volumes(member, float(ledger["escaped_mass"][-1]) / total, reach) if CHANGE in member.held() else {}
     return {
         "runout_distance": distance,
         "reach_angle_deg": math.degrees(angle),
@@ -149,7 +161,41 @@ def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach) -> dict[s
         "deposit_volume": float(deposit.sum(dtype=np.float64)) * reach.cell_area,
         "escaped_fraction": 100.0 * float(ledger["escaped_mass"][-1]) / total,
         "end_time": float(ledger["time"][-1]),
+        **of_bed,
     }
+
+
+def _volumes(member: "MemberMaps", escaped: float, reach: Reach) -> dict[str, float]:
+    """Values of :data:`VOLUMES` [m3] for a member of which the share ``escaped`` [1] of all mass left the raster.
+
+    The change of elevation is the deposit less release and eroded depth: so the release is what they leave.
+    """
+    eroded, change, deposit = (
+        np.nan_to_num(member.within(name, reach.part)).astype(np.float64) * reach.cell_area
+        for name in (ERODED, CHANGE, QUANTITIES[DEPOSIT].member_map)
+    )
+    released = float((deposit - change - eroded).sum())
+    return {
+        "released_volume": released,
+        "eroded_volume": float(eroded.sum()),
+        "whole_deposit_volume": float(deposit.sum()),
+        "left_volume": escaped * (released + float(eroded.sum())),
+        "lowered_volume": float(np.maximum(-change, 0.0).sum()),
+        "raised_volume": float(np.maximum(change, 0.0).sum()),
+    }
+
+
+def has_volumes(members: "pd.DataFrame") -> bool:
+    """Whether the valid members have an erodible bed."""
+    return "eroded_volume" in members and bool(members["eroded_volume"].notna().any())
+
+
+def percentiles_of(members: "pd.DataFrame", figure: str) -> tuple[float, float, float]:
+    """Percentiles 5, 50 and 95 of a figure over the valid members, by weight."""
+    known = members[members[figure].notna()]
+    weights = known["weight"].to_numpy(np.float64)
+    low, middle, high = weighted_percentiles(known[[figure]].to_numpy(np.float64), weights / weights.sum(), (5.0, 50.0, 95.0))
+    return float(low[0]), float(middle[0]), float(high[0])
 
 
 def representative(members: "pd.DataFrame") -> int:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.hazard.bed_maps import CHANGES, MEAN_CHANGE, MEAN_SHARE
 from runout.hazard.joint import conditions_of
-from runout.quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, CHANGE_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.report.maps import Basemap, draw_location
 from runout.report.picture import png
 from runout.report.study import Study
@@ -35,12 +36,15 @@ class Sheet:
         Cells to draw; NaN and 0 are transparent.
     style : str
         Key of :data:`runout.report.values.STYLES`.
+    top : float
+        Largest value of a continuous scale that several maps share; 0: that of the style.
     """
 
     title: str
     caption: str
     values: np.ndarray
     style: str
+    top: float = 0.0
 
 
 def reached_window(study: Study) -> Window:
@@ -79,18 +83,19 @@ def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
     titles, hazard = {sheet.title for sheet in headline}, study.hazard
     exceedances = [
         exceedance_sheet(hazard, name, float(level))
-        for name, quantity in QUANTITIES.items()
+        for name, quantity in ALL_QUANTITIES.items()
         if quantity.threshold in hazard.coords
         for level in hazard[quantity.threshold].values
     ]
     joint = [joint_sheet(hazard, number, condition) for number, condition in enumerate(conditions_of(hazard), 1)]
-    peaks = [_peak_sheet(hazard, quantity) for name, quantity in QUANTITIES.items() if name not in HEADLINES]
+    shown = [quantity for name, quantity in ALL_QUANTITIES.items() if name not in HEADLINES and quantity.peak in hazard]
+    peaks = [*(_peak_sheet(hazard, quantity) for quantity in shown), *_bed_percentile_sheets(hazard)]
     return [sheet for sheet in (*exceedances, *joint, *peaks, *_arrival_percentile_sheets(hazard)) if sheet.title not in titles]
 
 
 def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
     """Map of the probability that a quantity reaches ``level`` (in the unit of the variable)."""
-    mapped = QUANTITIES[name]
+    mapped = ALL_QUANTITIES[name]
     shown = _limit(name, level)
     caption = (
         f"Conditional probability: the weighted fraction of the members whose {mapped.extreme} reaches {shown}, given that the "
@@ -101,7 +106,7 @@ def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
 
 def joint_sheet(hazard: "xr.Dataset", number: int, condition: Mapping[str, float]) -> Sheet:
     """Map of the probability of joint condition ``number``."""
-    parts = " and ".join(f"{QUANTITIES[name].words} of {_limit(name, level)} or more" for name, level in condition.items())
+    parts = " and ".join(f"{ALL_QUANTITIES[name].words} of {_limit(name, level)} or more" for name, level in condition.items())
     caption = (
         "Conditional probability that the maxima of a member reach all of these values. Each maximum counts at its own time: the "
         "probability that they are reached at the same time is at most this. "
@@ -111,7 +116,7 @@ def joint_sheet(hazard: "xr.Dataset", number: int, condition: Mapping[str, float
 
 def _limit(name: str, level: float) -> str:
     """A threshold with its printed unit."""
-    units, divisor = VARIABLES[QUANTITIES[name].threshold].printed
+    units, divisor = VARIABLES[ALL_QUANTITIES[name].threshold].printed
     return quantity(level / divisor, units)
 
 
@@ -129,7 +134,8 @@ def _probability_sheet(hazard: "xr.Dataset", name: str, at: dict[str, float], wh
 
 def _peak_sheet(hazard: "xr.Dataset", mapped: MapQuantity) -> Sheet:
     caption = f"{mapped.described[:1].upper()}{mapped.described[1:]}, the largest of all members. {mapped.remark}".rstrip()
-    return Sheet(f"Peak {mapped.words}, worst member", caption, hazard[mapped.peak].values, mapped.name)
+    what = f"Largest {mapped.words}" if mapped.of_bed else f"Peak {mapped.words}"
+    return Sheet(f"{what}, worst member", caption, hazard[mapped.peak].values, mapped.name)
 
 
 def _percentile_sheets(hazard: "xr.Dataset", mapped: MapQuantity) -> Iterator[Sheet]:
@@ -140,7 +146,8 @@ def _percentile_sheets(hazard: "xr.Dataset", mapped: MapQuantity) -> Iterator[Sh
             f"at most {100 - level:g} % pass it; no colour means 0."
         )
         values = hazard[mapped.percentile].sel(percentile=level).values
-        yield Sheet(f"Peak {mapped.words}, {_rank(level)}", caption, values, mapped.name)
+        what = f"Peak {mapped.words}" if mapped.formula else mapped.words.capitalize()
+        yield Sheet(f"{what}, {_rank(level)}", caption, values, mapped.name)
 
 
 def _arrival_percentile_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
@@ -178,11 +185,39 @@ def _deposit_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
 
 def _bed_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
     """Maps of an ensemble with an erodible bed."""
-    if "mean_eroded_depth" in hazard:
-        caption = "Weighted mean over the members of the depth of the bed that the flow took up."
-        yield Sheet("Eroded depth, mean of the members", caption, hazard["mean_eroded_depth"].values, "deposit")
-        change = _without_zero(hazard["mean_elevation_change"].values)
-        yield Sheet("Change of elevation, mean of the members", MODELLED, change, "difference")
+    if MEAN_SHARE not in hazard:  # a site with observations has the change of elevation without a bed too
+        return
+    caption = "Weighted mean over the members of the depth of the bed that the flow took up."
+    yield Sheet("Eroded depth, mean of the members", caption, hazard["mean_eroded_depth"].values, "eroded_depth")
+    change = _without_zero(hazard[MEAN_CHANGE].values)
+    yield Sheet("Change of elevation, mean of the members", MODELLED, change, "difference", _largest_change(hazard))
+    caption = (
+        "Mass of the bed over mass of the deposit, members weighted by their deposit: 0 is mass of the release alone, 1 of the bed "
+        "alone. Cells without deposit have no colour."
+    )
+    yield Sheet("Share of the bed in the deposit", caption, hazard[MEAN_SHARE].values, "share")
+
+
+def _bed_percentile_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
+    """Percentiles of the eroded depth, and of the change of elevation on the scale of its mean."""
+    if CHANGE_PERCENTILE not in hazard:
+        return
+    levels = hazard["percentile"].values
+    yield from _percentile_sheets(hazard, ALL_QUANTITIES["eroded_depth"])
+    for level in dict.fromkeys((float(levels.min()), _middle(levels), float(levels.max()))):
+        caption = (
+            f"At least {level:g} % of the members (by weight) stay at or below the value shown; less than 0 is erosion. "
+            "All maps of the change of elevation have one scale."
+        )
+        values = _without_zero(hazard[CHANGE_PERCENTILE].sel(percentile=level).values)
+        yield Sheet(f"Change of elevation, {_rank(level)}", caption, values, "difference", _largest_change(hazard))
+
+
+def _largest_change(hazard: "xr.Dataset") -> float:
+    """End of the one scale of all maps of the change of elevation [m]: the 99th percentile of the cells with a change."""
+    sizes = [np.abs(hazard[name].values) for name in CHANGES if name in hazard]
+    changed = np.concatenate([size[size > 0.0] for size in sizes])
+    return float(np.percentile(changed, 99)) if changed.size else 1.0
 
 
 MODELLED = "Mean over the members: deposit minus release, and minus the eroded depth where there is a bed."

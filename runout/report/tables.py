@@ -11,9 +11,9 @@ from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
-from runout.quantities import QUANTITIES
+from runout.quantities import ALL_QUANTITIES
 from runout.report.figures import parameter_label
-from runout.report.members import FIGURES, Ledger, started_on
+from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of, started_on
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
@@ -22,6 +22,7 @@ from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 # entries of run.json that the report prints in another place
@@ -48,18 +49,19 @@ SETTING_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg m-3",
     "cohesion": "Pa",
-    **{q.setting: VARIABLES[q.threshold].printed[0] for q in QUANTITIES.values()},
-    **{q.name: q.units for q in QUANTITIES.values()},
+    **{q.setting: VARIABLES[q.threshold].printed[0] for q in ALL_QUANTITIES.values()},
+    **{q.name: q.units for q in ALL_QUANTITIES.values()},
     "percentiles": "%",
     "hours": "h",
 }
 LARGEST_RESIDUAL = 0.01  # of the released potential energy
 ESCAPED_PERCENT = 0.1
+RELEASED = "Released volume"
 
 
 def sampled_parameters(study: Study) -> list[str]:
     """Names of the sampled parameters."""
-    return [c for c in study.members.columns if c not in BOOKKEEPING and c not in FIGURES]
+    return [c for c in study.members.columns if c not in {*BOOKKEEPING, *FIGURES, *VOLUMES}]
 
 
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
@@ -71,17 +73,31 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
     reached = quantity(hazard_extent(hazard, hazard["members_reached"].values, 1), "km²")
     arrival = float(hazard["first_arrival_time"].where(~started_on(hazard)).max())
-    volumes = [("Released volume", released, "release_volume_factor")] if released > 0 or not inflows else []
-    volumes += [("Inflow volume", sum(one["volume"] for one in inflows), "discharge_factor")] if inflows else []
-    return [
+    starts = [(RELEASED, released, "release_volume_factor")] if released > 0 or not inflows else []
+    starts += [("Inflow volume", sum(one["volume"] for one in inflows), "discharge_factor")] if inflows else []
+    cards = [
         ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
-        *((label, volume(size), _factor(study, name)) for label, size, name in volumes),
+        *((label, volume(size), _factor(study, name)) for label, size, name in starts),
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
         ("Area reached", reached, f"by any member, {threshold} thick or more"),
         ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
+    if not has_volumes(valid):
+        return cards
+    return [*(card for card in cards if card[0] != RELEASED), *volumes(valid)]
+
+
+def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
+    """Key figures of an erodible bed: label, median of the members, and remark with their 90 % range."""
+    cards = []
+    for figure, column in VOLUMES.items():
+        low, middle, high = percentiles_of(valid, figure)
+        ends = number(low), quantity(high, "m³")
+        scope = f"{ends[0]} to {ends[1]} in 90 % of the members" if ends[1] != quantity(low, "m³") else "in 90 % of the members"
+        cards.append((f"{column.heading}, median", quantity(middle, "m³"), f"{column.meaning}; {scope}"))
+    return cards
 
 
 def _factor(study: Study, name: str) -> str:
@@ -234,15 +250,15 @@ def energy_residual(ledger: Ledger) -> float:
     """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
-    potential = ledger["potential_energy"] - ledger.get("entered_energy", 0.0)
+    potential = ledger["potential_energy"] - sum(ledger.get(name, 0.0) for name in ("entered_energy", "entrained_energy"))
     released = float(potential[0] - potential.min())
     return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
 
 
 def mass_error(ledger: Ledger) -> float:
-    """Largest relative change of the mass on the raster and beyond its edge, less that which entered later [1]."""
+    """Largest relative change of the mass on the raster and beyond its edge, less that which entered later or from a bed [1]."""
     whole = ledger["mass"] + ledger["escaped_mass"]
-    total = whole - ledger.get("entered_mass", 0.0)
+    total = whole - ledger.get("entered_mass", 0.0) - ledger.get("entrained_mass", 0.0)
     return float(np.abs(total - total[0]).max() / whole.max())
 
 
@@ -282,17 +298,18 @@ def members(study: Study) -> dict[str, Any]:
     headings = [("Member", "", "number of the realization")]
     headings += [("Weight", "", "share of the ensemble")] if weighted else []
     headings += [(_heading(p), _unit(p), "sampled parameter") for p in parameters]
-    headings += [(c.heading, c.units, c.meaning) for c in FIGURES.values()]
+    figures = FIGURES | (VOLUMES if has_volumes(study.valid) else {})
+    headings += [(c.heading, c.units, c.meaning) for c in figures.values()]
     rows = []
     for member, row in study.members.iterrows():
         given = [number(row["weight"])] if weighted else []
         given += [number(float(row[p])) for p in parameters]
         ended = row["status"] == "valid"
-        result = [number(float(row[f])) for f in FIGURES] if ended else []
+        result = [number(float(row[f])) for f in figures] if ended else []
         reason = "" if ended else f"{row['status']}: {row['failure_reason'] or 'it has not run'}"
         rows.append({"member": member, "given": given, "result": result, "reason": reason})
     growth = study.run.get("ensemble", {}).get("growth", "")
-    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(FIGURES), "growth": growth}
+    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(figures), "growth": growth}
 
 
 def _heading(parameter: str) -> str:
@@ -348,7 +365,7 @@ def _value(key: str, value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, int | float):
         return quantity(value, SETTING_UNITS.get(key, "1"), 10)
-    divisor = next((VARIABLES[q.threshold].printed[1] for q in QUANTITIES.values() if q.setting == key), 1.0)
+    divisor = next((VARIABLES[q.threshold].printed[1] for q in ALL_QUANTITIES.values() if q.setting == key), 1.0)
     value = [limit / divisor for limit in value] if divisor != 1.0 else value
     if isinstance(value, list):
         listed = ", ".join(_value("", v) for v in value)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.quantities import QUANTITIES, MapQuantity
+from runout.quantities import ALL_QUANTITIES, MapQuantity
 from runout.report.marks import INK
 from runout.report.wording import unit
 from runout.variables import VARIABLES
@@ -67,7 +67,8 @@ def _style_of(quantity: MapQuantity) -> MapStyle:
 STYLES = {
     "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
     "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
-    **{name: _style_of(quantity) for name, quantity in QUANTITIES.items()},
+    "share": MapStyle("share of the bed [1]", "YlOrBr", steps=TENTHS),
+    **{name: _style_of(quantity) for name, quantity in ALL_QUANTITIES.items()},
     "difference": MapStyle("change or difference [m]", "RdBu_r", faintest=-math.inf, diverging=True),
 }
 
@@ -117,7 +118,7 @@ def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
     if values.size == 0:
         return {"cmap": colours, "norm": Normalize(0.0, 1.0)}
     if style.diverging:
-        top = float(np.percentile(np.abs(values), 99)) or 1.0
+        top = style.top or float(np.percentile(np.abs(values), 99)) or 1.0
         return {"cmap": colormaps[style.colours], "norm": Normalize(-top, top, clip=True)}
     if style.classes:
         bounds = MaxNLocator(style.classes).tick_values(0.0, max(float(values.max()), 1e-9))

@@ -34,8 +34,9 @@ from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
-from runout.quantities import bed_map_names
+from runout.quantities import CHANGE, ERODED
 from runout.release import stagger
+from runout.simulation.bed_share import DepositMass
 from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundSlopes, births, rounding_of
 
 LOGGER = logging.getLogger(__name__)
@@ -104,6 +105,7 @@ class ErodingBed:
         self.time = self.due = self.births_at = 0.0  # [s]
         self.born = 0
         self.particles = 0  # at the start
+        self.spans = np.zeros((0, 2), np.int64)
         self.booked = Booked()
 
     @property
@@ -264,8 +266,17 @@ class ErodingBed:
             stays = self.scene.pore_table()["equilibrium"][releases]
             ratio = self.bed.pore_pressure_ratio
             newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
+        self._note_births(newborn.identity)
         self.born += len(i)
         return newborn
+
+    def _note_births(self, identity: np.ndarray) -> None:
+        """Add consecutive identities (n,) to :attr:`spans`."""
+        first, end = int(identity[0]), int(identity[-1]) + 1
+        if len(self.spans) and self.spans[-1, 1] == first:
+            self.spans[-1, 1] = end
+        else:
+            self.spans = np.concatenate([self.spans, [[first, end]]])
 
     def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
         """Add mass and energy of particles at nodes ``i``, ``j`` (n,)."""
@@ -292,7 +303,16 @@ class ErodingBed:
         given = self.eroded - self.owed  # all that the flow took up, to rounding
         eroded = AreaSums.of_nodes(given, self.first, self.scene.spacing).on_raster(self.scene.raster)
         eroded = np.where(np.abs(eroded) < THINNEST, 0.0, eroded)  # differences of sums over the raster leave rounding everywhere
-        return dict(zip(bed_map_names(), (eroded, deposit - self.released - eroded), strict=True))
+        return {ERODED: eroded, CHANGE: deposit - self.released - eroded}
+
+    def deposit_mass(self, particles: Particles) -> DepositMass:
+        """Mass at the end of the run by cell of the raster, and the part of it that is born of the bed."""
+        return DepositMass.of(self.scene, particles, self.is_of_bed(particles))
+
+    def is_of_bed(self, particles: Particles) -> np.ndarray:
+        """Which particles (n,) are born of the bed: their identities lie in :attr:`spans`."""
+        place = np.searchsorted(self.spans[:, 0], particles.identity, side="right") - 1
+        return (place >= 0) & (particles.identity < self.spans[place, 1]) if len(self.spans) else np.zeros(len(particles), bool)
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""

@@ -14,7 +14,7 @@ from runout.model.particles import Particles
 from runout.model.probe_series import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
-from runout.quantities import bed_map_names
+from runout.quantities import CHANGE, ERODED
 from runout.simulation.entering import never_started, sentences
 from runout.simulation.structure_forces import StructureForces
 from runout.terrain.relief import half_width
@@ -54,7 +54,8 @@ class Result:
         Impulses on structures over time, with force, moment and pressure of each facade; None without structures.
     start : mapping
         Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`; of releases that start
-        later ``late_source``, ``late_source_start_time`` [s], NaN for never, and ``late_source_waiting_mass`` [kg].
+        later ``late_source``, ``late_source_start_time`` [s], NaN for never, and ``late_source_waiting_mass`` [kg]; with an
+        erodible bed also ``bed_mass_at_end`` [kg], mass of the bed that has not left the domain.
     probes : ProbeSeries or None
         Time series at the points and cross-sections of ``simulate(probes=...)``.
     """
@@ -98,8 +99,8 @@ class Result:
 
         ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``max_momentum_flux`` [m3 s-2] (largest h v^2),
         ``arrival_time`` [s] (missing in cells that the flow does not reach) and ``deposit_thickness`` [m]. Thickness is vertical.
-        With an erodible bed also ``eroded_depth`` and ``elevation_change`` [m] (deposit minus release and eroded depth). Cells
-        without elevation are NaN.
+        With an erodible bed also ``eroded_depth`` and ``elevation_change`` [m] (deposit minus release and eroded depth), and
+        ``bed_share`` [1], mass of the bed over mass of the deposit (missing without deposit). Cells without elevation are NaN.
         """
         from runout.io.netcdf import map_dataset
 
@@ -150,9 +151,9 @@ class Result:
         area, mass = self.terrain.cell_area, self.series["mass"]
         thickness, speed = (np.nan_to_num(self.fields[f"max_{name}"]) for name in ("flow_thickness", "speed"))
         deposit = np.nan_to_num(self.fields["deposit_thickness"])
-        given = self.series["entrained_mass"][-1] / mass[0] if "entrained_mass" in self.series and mass[0] > 0 else None
-        whole = mass[0] + (self.series["entered_mass"][-1] if "entered_mass" in self.series else 0.0)
-        bed = {} if given is None else self._facts_of_bed(given, area)
+        entrained = self.series["entrained_mass"][-1] if "entrained_mass" in self.series and mass[0] > 0 else None
+        whole = mass[0] + sum(self.series[name][-1] for name in ("entered_mass", "entrained_mass") if name in self.series)
+        bed = {} if entrained is None else self._facts_of_bed(entrained, area)
         return {
             "ended": f"{self.stop_reason} at {short(self.series['time'][-1], 's')}",
             "size": f"{self.n_particles} particles, {self.steps} steps, {short(self.timing.get('total', 0.0), 's')}",
@@ -172,13 +173,16 @@ class Result:
         said = "; ".join(sentences(self.start))
         return {"later": said} if said else {}
 
-    def _facts_of_bed(self, share: float, area: float) -> dict[str, str]:
-        """Volumes that the flow took up, and by which the ground is lower and higher; ``share`` of the released mass."""
-        eroded, change = (np.nan_to_num(self.fields[name]) for name in bed_map_names())
+    def _facts_of_bed(self, entrained: float, area: float) -> dict[str, str]:
+        """Volumes that the flow took up, and by which the ground is lower and higher, after taking up a mass ``entrained`` [kg]."""
+        mass, share = self.series["mass"], entrained / self.series["mass"][0]
+        of_bed = self.start["bed_mass_at_end"] / mass[-1] if mass[-1] > 0 else 0.0
+        eroded, change = (np.nan_to_num(self.fields[name]) for name in (ERODED, CHANGE))
         lower, higher = (short(float(np.maximum(sign * change, 0.0).sum() * area), "m3") for sign in (-1.0, 1.0))
         return {
             "taken up": f"{short(float(eroded.sum() * area), 'm3')} of the bed, {100 * share:.3g} % of the released mass",
             "change of elevation": f"{lower} eroded, {higher} deposited",
+            "deposit": f"{100 * of_bed:.3g} % of its mass are from the bed",
         }
 
     def __repr__(self) -> str:

@@ -20,7 +20,7 @@ from runout.model.probes import Probes
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.quantities import DEPOSIT, QUANTITIES
+from runout.quantities import DEPOSIT, QUANTITIES, SHARE, WITHOUT_VALUE
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed
@@ -193,11 +193,14 @@ class Run:
         maps = self.peaks.maps()
         if self.control.bulking != 1.0:
             maps[DEPOSIT_MAP] = self.control.bulking * maps[DEPOSIT_MAP]
+        start = self.scene.start_attributes()
         if self.bed:
             there = self.entering.waiting_thickness if self.entering else 0.0  # is not released
-            maps |= self.bed.maps(maps[DEPOSIT_MAP] + there)
+            deposit = self.bed.deposit_mass(self.engine.particles())
+            maps |= self.bed.maps(maps[DEPOSIT_MAP] + there) | {SHARE: deposit.share}
+            start |= {"bed_mass_at_end": float(deposit.of_bed.sum())}
         # only on known ground: the footprint of a particle may extend beyond an edge
-        fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps.items()}
+        fields = {name: terrain.where_known(m, np.nan if name in WITHOUT_VALUE else 0.0) for name, m in maps.items()}
         return Result(
             terrain=terrain,
             fields=fields,
@@ -211,7 +214,7 @@ class Run:
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
             particle_frames=self.particle_frames,
-            start=self.scene.start_attributes() | (self.entering.attributes() if self.entering else {}),
+            start=start | (self.entering.attributes() if self.entering else {}),
             structure_forces=self.forces.result(),
             probes=self.probes.series(self.control.end_time, terrain, fields) if self.probes else None,
         )

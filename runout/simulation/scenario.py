@@ -13,6 +13,7 @@ from runout.errors import ConfigError, ReleaseError, require_kind
 from runout.forecast.memory import Extent, expected_extent
 from runout.model import basal_strength
 from runout.model.basal_friction import FRICTION_REMEDY, USUAL_ANGLE, BasalFriction
+from runout.model.bed import Bed
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import numbers_of
 from runout.model.inflow import Inflow
@@ -40,13 +41,15 @@ def build_scene(
     friction_zones: FrictionZones | None = None,
     structures: Structures | StructureField | None = None,
     inflow: Inflow | Sequence[Inflow] = (),
+    bed: Bed | None = None,
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
     waiting: list[WaitingRelease] | None = None,
 ) -> tuple[Scene, Any]:
     """Scene and particles of a scenario; ``numerics`` are its choices of the run, the others as in :func:`runout.simulate`.
 
-    Inflows are masses of the scene behind the releases; their particles are born later.
+    Inflows are masses of the scene behind the releases; their particles are born later. Of a ``bed`` the pore pressure counts, in
+    the choice of the stiffness and in what the mass may reach.
 
     ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`). The list ``waiting`` gets
@@ -55,7 +58,6 @@ def build_scene(
     """
     from runout.backends.initial_stress import InitialStress, launched_by, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
-    from runout.forecast import stiffness
     from runout.release.arrangement import default_particles
     from runout.release.inlet import mass_at
     from runout.release.sample import Sampling, particles_per_axis
@@ -74,9 +76,8 @@ def build_scene(
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     stated_materials = [r.material or material for r in releases]
     strength = basal_strength.strengths(stated_materials, spacing[2])
-    materials = stiffness.chosen_moduli(stated_materials, releases, frictions, strength, friction_zones)
+    materials, least = _forecast(stated_materials, releases, frictions, spacing[2], friction_zones, bed)
     _require_bearing(releases, materials)
-    least = basal_strength.least_angle(frictions, strength, friction_zones, [r.least_effective for r in releases])
     ground = partial(_ground_dug, terrain, spacing[:2], Mass(np.sum([r.thickness for r in releases], axis=0), least))
     surface = ground([r.excavation for r in releases])
     per_axis = particles_per_axis(particles_per_cell)
@@ -126,6 +127,19 @@ def inflows_of(inflow: Any) -> list[Inflow]:
     for one in inflows:
         require_kind(Inflow, one, "inflow", "give runout.Inflow(...), or a list of them", ConfigError)
     return inflows
+
+
+def _forecast(
+    materials: Sequence[Material], releases: Sequence[Release], frictions: Sequence[BasalFriction | float], height: float,
+    zones: FrictionZones | None, bed: Bed | None,
+) -> tuple[tuple[Material, ...], float]:  # fmt: skip
+    """The materials with numbers as moduli, and the least friction angle [rad] that acts, on cells of a ``height`` [m]."""
+    from runout.forecast import stiffness
+
+    ratio = bed.pore_pressure_ratio if bed else None
+    resting = basal_strength.forecast_strengths(materials, releases, height)
+    moduli = stiffness.chosen_moduli(materials, releases, frictions, resting, zones, ratio)
+    return moduli, basal_strength.least_angle(frictions, resting, zones, basal_strength.effective_shares(releases, ratio))
 
 
 def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

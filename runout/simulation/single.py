@@ -173,7 +173,7 @@ def simulate(
     waiting: list[WaitingRelease] = []
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
-        structures=named, inflow=inflows, accept=accept, in_chunks=True, waiting=waiting,
+        structures=named, inflow=inflows, bed=bed, accept=accept, in_chunks=True, waiting=waiting,
     )  # fmt: skip
     said = [sentence for one in inflows for sentence in one.sentences(end_time, scene.spacing)]
     for sentence in [*_statements(scene, [r.name for r in masses]), *said]:

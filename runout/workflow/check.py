@@ -13,6 +13,7 @@ from runout.config.member_arguments import grid_spacing
 from runout.config.pore_pressure import SAMPLED as PORES
 from runout.config.pore_pressure import sampled_pores
 from runout.errors import ConfigError, InputError, MaterialError, ReleaseError, RunoutError, StructureError
+from runout.model.basal_strength import resting_strength
 from runout.workflow import check_observations, check_physics, check_stiffness
 
 if TYPE_CHECKING:
@@ -108,6 +109,7 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
             _inspect_reach(findings, findings.site, findings.terrain)
             findings.warnings += check_physics.warnings(findings.site, findings.masses, findings.zones)
             findings.notes += check_physics.wet_masses(findings.site, findings.masses)
+            findings.notes += check_physics.standing_layers(findings.site, findings.releases)
         except (MaterialError, ReleaseError) as error:  # of a member
             findings.note(error)
 
@@ -405,9 +407,10 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
 
 
 def _resting_angle(release: "Release", site: "Site", sample: "dict[Any, Any]") -> float:
-    """Angle [rad] at which the ground holds a release in a member at rest, with the lowest pore pressure at the start."""
+    """Angle [rad] at which a release stands in a member, by ground and yield stress, with the lowest pore pressure at the start."""
     (friction,), (wet,) = site.friction.of_releases([release], sample), sampled_pores([release], sample)
-    at_rest = math.tan(friction) if isinstance(friction, float) else friction.at_rest
+    ground = math.tan(friction) if isinstance(friction, float) else friction.at_rest
+    at_rest = min(ground, resting_strength(release.material or site.material(), release))
     return math.atan((1.0 - wet.pore_pressure.lowest) * at_rest) if wet.pore_pressure else math.atan(at_rest)
 
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.config.bed import bed_ratio
 from runout.config.friction import sampled_ranges
 from runout.config.material import OF_THE_RUN
 from runout.config.member_arguments import grid_spacing
 from runout.config.pore_pressure import sampled_pores
-from runout.model.basal_strength import least_angle, sentence, strengths, unchanged
+from runout.model.basal_strength import effective_shares, least_angle, resting_strength, sentence, strengths, unchanged
 from runout.model.depth_resolution import SHARING
 from runout.model.friction_laws import numbers_of
 
@@ -31,7 +32,8 @@ class Bases:
     """Friction under one release in all members, coefficient of the ground at rest and strength of the mass, (members,) [1].
 
     A number in place of a friction is its angle [rad]. ``effective`` (members,) is the least share [1] of the normal stress that
-    grains carry at the start.
+    grains carry at the start, of mass from a wet bed too; ``resting`` (members,) the strength [1] of the mass in forecasts, which
+    that of a yield stress limits.
     """
 
     name: str
@@ -39,10 +41,11 @@ class Bases:
     ground: np.ndarray
     strength: np.ndarray
     effective: list[float]
+    resting: np.ndarray
 
     def acting(self, zones: "FrictionZones | None") -> np.ndarray:
         """Smallest friction angle (members,) [rad] that acts on it on any ground, with the pore pressure at the start."""
-        bases = zip(self.frictions, self.strength.tolist(), self.effective, strict=True)
+        bases = zip(self.frictions, self.resting.tolist(), self.effective, strict=True)
         return np.array([least_angle([friction], [strength], zones, [share]) for friction, strength, share in bases])
 
 
@@ -100,6 +103,23 @@ def wet_masses(site: "Site", releases: "Sequence[Release]") -> Iterator[str]:
         )
 
 
+def standing_layers(site: "Site", releases: "Sequence[Release]") -> Iterator[str]:
+    """On which slopes the yield stress of a fluid holds each release, in a site as stated.
+
+    A layer of vertical thickness H on a slope of angle a stands where rho g H sin(a) cos(a) is at most the yield stress.
+    """
+    for release in releases:
+        material, mean = release.material or site.material(), release.mean_thickness
+        held = resting_strength(material, release)  # of the weight
+        if math.isinf(held):
+            continue
+        slope = "on any slope" if held >= 0.5 else f"on slopes below {math.degrees(0.5 * math.asin(2.0 * held)):.2g} deg"
+        yield (
+            f"release {release.name}: its yield stress holds a layer of {mean:.3g} m, its mean thickness, {slope}; steeper, it "
+            "flows until it is thinner, on ground that holds it too"
+        )
+
+
 def least_thickness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
     """Least thickness [m] that the maps of a site as stated can show (:mod:`runout.physics.numerical_scales`)."""
     from runout.physics.numerical_scales import least_thickness as of_particles
@@ -139,13 +159,16 @@ def bases_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sam
     """Friction and strength at the base of each release, for members with these parameters; for all members by default."""
     samples = samples_of(site) if samples is None else samples
     height = grid_spacing(site.settings, releases)[2]
-    own = np.array([strengths(materials, height) for materials in materials_of(site, releases, samples)])
+    own_materials = materials_of(site, releases, samples)
+    own = np.array([strengths(materials, height) for materials in own_materials])
     members = [site.friction.of_releases(releases, sample) for sample in samples]
-    wet = [[r.least_effective for r in sampled_pores(releases, sample)] for sample in samples]
+    wet = [effective_shares(sampled_pores(releases, sample), bed_ratio(site.settings, sample)) for sample in samples]
     bases = []
     for k, (r, frictions) in enumerate(zip(releases, map(list, zip(*members, strict=True)), strict=True)):
         ground = np.array([math.tan(f) if isinstance(f, float) else f.at_rest for f in frictions])
-        bases.append(Bases(r.name, frictions, ground, own[:, k], [shares[k] for shares in wet]))
+        volumes = [float(sample.get("release_volume_factor", 1.0)) for sample in samples]
+        held = [resting_strength(of[k], r, factor) for of, factor in zip(own_materials, volumes, strict=True)]
+        bases.append(Bases(r.name, frictions, ground, own[:, k], [shares[k] for shares in wet], np.minimum(own[:, k], held)))
     return bases
 
 

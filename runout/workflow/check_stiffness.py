@@ -59,7 +59,7 @@ def member_stiffness(
 
 def _ground(bases: "Sequence[Bases]", k: int, materials: "Sequence[Material]", zones: "FrictionZones | None") -> "GroundFriction":
     """Friction of the ground below the releases of member ``k``."""
-    strength, effective = [float(b.strength[k]) for b in bases], [b.effective[k] for b in bases]
+    strength, effective = [float(b.resting[k]) for b in bases], [b.effective[k] for b in bases]
     return ground_below(materials, [b.frictions[k] for b in bases], strength, zones, effective)
 
 

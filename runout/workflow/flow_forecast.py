@@ -142,9 +142,11 @@ def _resistance(
     grounds = []
     for member in arguments:
         basal = member.get("basal_friction") or math.radians(member["basal_friction_angle"])
-        materials = [r.material or member["material"] for r in releases]
-        frictions, strengths = basal_strength.frictions_under(releases, basal), basal_strength.strengths(materials, height)
-        effective = [r.least_effective for r in masses_of(member)]
+        masses, bed = masses_of(member), member.get("bed")
+        materials = [r.material or member["material"] for r in masses]
+        frictions = basal_strength.frictions_under(masses, basal)
+        strengths = basal_strength.forecast_strengths(materials, masses, height)
+        effective = basal_strength.effective_shares(masses, bed.pore_pressure_ratio if bed else None)
         grounds.append(ground_below(materials, frictions, strengths, member["friction_zones"], effective))
     if grounds[0].law.name == DEFAULT_FRICTION:
         return resting_resistance(grounds)

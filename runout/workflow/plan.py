@@ -17,7 +17,7 @@ from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
 from runout.model.friction_laws import FrictionLaw
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
-from runout.quantities import member_map_names
+from runout.quantities import bed_map_names, member_map_names
 from runout.simulation.scenario import build_scene, scene_arguments
 from runout.simulation.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
@@ -136,7 +136,8 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None, c
     arguments = site.member_arguments(largest.parameters)
     cost = (cost_of or step_cost)(arguments)
     seconds = SETUP_SECONDS + cost.step * steps + cost.particle * particle_steps
-    maps = 2.0 * len(members) * len(member_map_names())  # of members/*.nc and members.nc, before compression
+    names = (*member_map_names(), *(bed_map_names() if site.settings.bed else ()))
+    maps = 2.0 * len(members) * len(names)  # of members/*.nc and members.nc, before compression
     maps += 2.0 * len(members) * (site.settings.simulation.snapshots or 0)
     disk = maps * 4 * site.terrain().elevation.size
     disk += together * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]

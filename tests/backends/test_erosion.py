@@ -95,6 +95,36 @@ def test_no_node_is_lowered_below_its_bed(backend):
     np.testing.assert_array_equal(maps["elevation_change"], deposit - maps["eroded_depth"])
 
 
+def test_share_of_the_bed_integrates_to_the_entrained_mass(backend):
+    """Mass of the bed over mass lies on the cells of the deposit, from 0 to 1, and is booked to rounding."""
+    run, eroding = run_over(backend, Bed(2.0, FIXED), 1.5)
+    ledger, mass = series(run), eroding.deposit_mass(run.engine.particles())
+    assert ledger["escaped_mass"][-1] == 0.0
+    assert mass.of_bed.sum() == pytest.approx(ledger["entrained_mass"][-1], rel=1e-12)
+    assert mass.total.sum() == pytest.approx(ledger["mass"][-1], rel=1e-12)
+    deposit = run.peaks.maps()["deposit_thickness"]
+    np.testing.assert_allclose(mass.total / (5.0 * BLOCK.density), deposit, atol=1e-6 * deposit.max())
+    share = mass.share
+    np.testing.assert_array_equal(np.isnan(share), mass.total == 0.0)
+    assert 0.0 <= np.nanmin(share) < 0.05 < np.nanmax(share) <= 1.0
+    assert np.nansum(share * mass.total) == pytest.approx(ledger["entrained_mass"][-1], rel=1e-12)
+
+
+def test_share_counts_births_among_other_identities():
+    """Particles of the bed are known whatever other particles enter between their births."""
+    a_scene = scene(plane(), materials=(BLOCK,), friction=(MU,), gravity=DOWN)
+    eroding = ErodingBed(Bed(1.0, FIXED), a_scene, Terrain.from_array(np.zeros(CELLS), (2.0, 2.5)), [], PER_CELL)
+    p = box((8.0, 20.0, 0.0), (4.0, 4.0, 1.0), (1.0, 1.0, 1.0), BLOCK.density, surface=a_scene.surface)
+    assert not eroding.is_of_bed(p).any()
+    for identities in (np.arange(5, 9), np.arange(9, 12), np.arange(20, 22)):
+        eroding._note_births(identities)
+    np.testing.assert_array_equal(eroding.spans, [[5, 12], [20, 22]])
+    np.testing.assert_array_equal(np.flatnonzero(eroding.is_of_bed(p)), [*range(5, 12), 20, 21])
+    mass = eroding.deposit_mass(p)
+    assert mass.of_bed.sum() == pytest.approx(9 * p.mass[0], rel=1e-12)
+    assert np.isnan(eroding.deposit_mass(p.take(np.zeros(0, int))).share).all()
+
+
 def test_energy_of_the_bed_is_booked(backend):
     """Energy that is not accounted for is as small a part as without a bed."""
     run, _ = run_over(backend, Bed(2.0, FIXED), 2.0)
@@ -122,6 +152,7 @@ def test_interrupted_run_with_births_gives_the_same_bits(backend, tmp_path):
         run_over(again, Bed(2.0, FIXED), 1.5, keep=StoppedCheckpoint(tmp_path / "c.npz", "key", 0.0))
     resumed, eroding = run_over(again, Bed(2.0, FIXED), 1.5, keep=Checkpoint(tmp_path / "c.npz", "key", 0.0))
     assert eroding.born > 0
+    np.testing.assert_array_equal(eroding.spans, [[eroding.particles, eroding.particles + eroding.born]])
     expected, found = whole.engine.particles(), resumed.engine.particles()
     for name, values in vars(expected).items():
         np.testing.assert_array_equal(getattr(found, name), values, err_msg=name)
@@ -241,7 +272,7 @@ def test_simulate_takes_a_bed_and_gives_its_maps_and_sums():
         runout.simulate(terrain, release, SOIL, **choices, bed=Bed(1.0, RammsErosion(rate=0.1)), bulking=0.8, threads=threads)
         for threads in (1, 2)
     )
-    assert set(one.maps) >= {"eroded_depth", "elevation_change"}
+    assert set(one.maps) >= {"eroded_depth", "elevation_change", "bed_share"}
     for name in one.maps:
         np.testing.assert_array_equal(one.maps[name], two.maps[name], err_msg=name)
     entrained = float(one.ledger["entrained_mass"][-1])
@@ -254,6 +285,11 @@ def test_simulate_takes_a_bed_and_gives_its_maps_and_sums():
     assert len(one.state) > one.n_particles
     assert len(one.particle_frames[0]) <= 50
     assert "of the bed" in repr(one)
+    share, thickness = one.maps["bed_share"].values, one.maps["deposit_thickness"].values
+    np.testing.assert_array_equal(np.isnan(share), thickness == 0.0)
+    of_bed = one.maps.attrs["bed_mass_at_end"]
+    assert of_bed == pytest.approx(entrained, rel=1e-6)
+    assert np.nansum(share * thickness) * 25.0 / 0.8 * SOIL.density == pytest.approx(of_bed, rel=1e-5)
     dry = runout.simulate(terrain, release, SOIL, **choices)
     assert "eroded_depth" not in dry.maps
     assert "entrained_mass" not in dry.ledger

@@ -253,7 +253,9 @@ def test_a_sampled_number_that_no_release_states_is_named():
     every = ("ratio", "ratio_low", "ratio_high", "saturation", "diffusivity", "decay_time")
     assert unused({"ratio": 0.5, "decay_time": 5}, *every) == ["ratio_low", "ratio_high", "diffusivity"]
     assert unused({"ratio": 1, "diffusivity": 0.1}, *every) == ["ratio_low", "ratio_high", "decay_time"]
-    assert unused({"ratio": {"low": 0.1}, "diffusivity": 0.1}, *every) == ["ratio", "decay_time"]
+    assert unused({"ratio": {"low": 0.1, "high": 0.2, "block": 3}, "diffusivity": 0.1}, *every) == ["ratio", "decay_time"]
+    zones = {"ratio": {"polygons": "a.gpkg", "ratio": 0.4, "elsewhere": 0.1}, "diffusivity": 0.1}
+    assert unused(zones, *every, "ratio_elsewhere") == ["ratio_low", "ratio_high", "decay_time"]
     assert unused({"ratio": "a.tif"}, *every) == ["ratio", "ratio_low", "ratio_high", "diffusivity", "decay_time"]
     assert unused("text", *every) == list(every)
     fixes = {key: fix for key, _, fix in unused_samples([], {"pore_pressure_ratio_low": 1, "pore_pressure_saturation": 1})}

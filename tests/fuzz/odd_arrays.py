@@ -7,7 +7,8 @@ import numpy as np
 from odd_sites import COLUMNS, ROWS, odd_values
 from odd_values import FLOATS
 
-from runout import Release, Terrain
+from runout import Bed, PorePressure, RammsErosion, Release, Terrain
+from runout.model.pore_pressure import RatioZones
 
 ODD: list[Any] = [
     None,
@@ -64,7 +65,7 @@ def call_odd_array(seed: int) -> None:
         return
     terrain = Terrain.from_array(np.add.outer(np.arange(float(ROWS)), np.arange(float(COLUMNS))), 10.0)
     path = random.choice(["x.tif", "", ".", "/dev/zero", "\0", "x" * 9999, "NETCDF:x:y", "GPKG::", *ODD])
-    kind = random.choice(["array"] * 6 + ["raster", "vector", "terrain"])
+    kind = random.choice(["array"] * 6 + ["raster", "vector", "terrain", "pores", "zones", "bed"])
     if kind == "array":
         choices = {"volume": number, "basal_friction_angle_deg": random.choice([None, 20.0, *FLOATS, *ODD])}
         chosen = {key: value for key, value in choices.items() if random.random() < 0.3}
@@ -75,7 +76,29 @@ def call_odd_array(seed: int) -> None:
         Release.from_raster(path, terrain, volume=number)
     elif kind == "vector":
         Release.from_vector(path, terrain, thickness=number, layer=random.choice([None, "x", 5]))
+    elif kind in ("pores", "zones", "bed"):
+        _call_of_water_and_bed(kind, number, terrain, random)
     else:
         Terrain.from_raster(
             path, crs=random.choice([None, *ODD]), extent=random.choice([None, (0.0, 0.0, 9.0, 9.0), *FLOATS, *ODD])
         )
+
+
+def _call_of_water_and_bed(kind: str, number: Any, terrain: Terrain, random: Random) -> None:
+    """Make the pore pressure of a release, or a bed, and lay it on the terrain."""
+    thickness = np.full((ROWS, COLUMNS), 2.0)
+    release = Release.from_array(thickness, terrain, placement="on_surface")
+    values, other = odd_array(random), random.choice([None, 0.3, *FLOATS, *ODD])
+    if kind == "bed":
+        erosion = random.choice([RammsErosion(), None, *ODD]) if random.random() < 0.3 else RammsErosion()
+        Bed(
+            random.choice([values, number]), erosion, other, pore_pressure_ratio=random.choice([None, 0.5, *FLOATS, *ODD])
+        ).depth_on(terrain, [release])
+        return
+    ratio = random.choice([values, number, {"low": 0.1, "high": other, "block": number}, {"low": 0.2}])
+    if kind == "zones":
+        zone = np.where(thickness > 0, random.choice([0, -1, 3]), -1) if random.random() < 0.5 else values
+        ratio = RatioZones(zone=zone, ratio=random.choice([None, 0.4, values, number]), low=other, high=0.9, elsewhere=other)
+    pore = PorePressure(ratio=ratio, saturation=random.choice([0.0, 1.0, *FLOATS]), decay_time=random.choice([5.0, *FLOATS, *ODD]))
+    pore.require_fits(thickness, 2000.0, "release")
+    pore.at(np.array([15.0, 45.0]), np.array([15.0, 45.0]), (10.0, 10.0), (1, 2))

@@ -59,8 +59,14 @@ structures:
     name: house
     height: 5.0
 bed:
-  depth: 1.0
-  erosion: {law: ramms, rate: 0.025}
+  depth: inputs/bed.tif
+  density: 1900
+  pore_pressure: {ratio: 0.5}
+  erosion:
+    law: ramms
+    rate: 0.025
+    critical_stress: 1000
+    depth_per_stress: 1.0e-4
 bulking: 0.9
 probes:
   points: inputs/points.geojson
@@ -81,6 +87,46 @@ observations:
   thalweg: {line: inputs/line.geojson}
 report: {stills: none}
 """
+WET = {  # lines of a site with all blocks, in the place of lines of SITE
+    "    thickness: depth\n": """\
+    thickness: depth
+    pore_pressure:
+      ratio:
+        polygons: inputs/wet.geojson
+        ratio: water
+        elsewhere: 0.3
+      saturation: 0.5
+      decay_time: 5
+""",
+    "    placement: on_surface\n": """\
+    placement: on_surface
+    pore_pressure:
+      ratio:
+        low: 0.2
+        high: 0.6
+        block: 20
+      diffusivity: 1.0e-3
+""",
+    "  parameters:\n": """\
+  parameters:
+    pore_pressure_ratio_low: {distribution: uniform, low: 0.1, high: 0.2}
+    pore_pressure_ratio_elsewhere: {distribution: uniform, low: 0.3, high: 0.4}
+    pore_pressure_saturation: {distribution: uniform, low: 0, high: 0.5}
+    erosion_rate: {distribution: uniform, low: 0.01, high: 0.05}
+    bed_depth_factor: {distribution: uniform, low: 0.5, high: 2}
+    bed_pore_pressure_ratio: {distribution: uniform, low: 0.3, high: 0.6}
+    bulking: {distribution: uniform, low: 0.8, high: 1}
+""",
+    "hazard: {thickness_thresholds: [0.1, 1], percentiles: [50]}\n": """\
+hazard:
+  thickness_thresholds: [0.1, 1]
+  eroded_depth_thresholds: [0.5]
+  net_erosion_thresholds: [0.1, 0.5]
+  net_deposition_thresholds: [0.5]
+  joint: [{thickness: 1, eroded_depth: 0.5}]
+  percentiles: [50]
+""",
+}
 
 
 def square(west: float, south: float, side: float) -> list[list[float]]:
@@ -126,10 +172,18 @@ def write_good(folder: Path, *, full: bool = False) -> None:
     for name, ring in {"release": square(20, 20, 40), "dam": square(110, 20, 20), "zone": square(80, 10, 30)}.items():
         (inputs / f"{name}.geojson").write_text(json.dumps(features([ring])), encoding="utf-8")
     _write_more(inputs, pile)
-    (folder / "site.yaml").write_text(SITE + MORE * full, encoding="utf-8")
+    (folder / "site.yaml").write_text(site_text(full=full), encoding="utf-8")
     (inputs / "empty").touch()
     os.mkfifo(inputs / "pipe")
     (inputs / "loop").symlink_to("loop")
+
+
+def site_text(*, full: bool) -> str:
+    """Text of site.yaml; with all blocks if it is ``full``."""
+    text = SITE
+    for line, wet in WET.items() if full else ():
+        text = text.replace(line, wet)
+    return text + MORE * full
 
 
 def _write_more(inputs: Path, pile: np.ndarray) -> None:
@@ -137,6 +191,10 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
     deposit = np.roll(pile, 4, axis=1)
     write_tiff(inputs / "deposit.tif", deposit)
     write_tiff(inputs / "difference.tif", deposit - pile)
+    write_tiff(inputs / "bed.tif", np.ones((ROWS, COLUMNS)))
+    wet = features([square(20, 20, 20)])
+    wet["features"][0]["properties"]["water"] = 0.7
+    (inputs / "wet.geojson").write_text(json.dumps(wet), encoding="utf-8")
     line = {"type": "LineString", "coordinates": [[WEST + 30, SOUTH + 60], [WEST + 130, SOUTH + 60]]}
     shapes: dict[str, list[dict[str, Any]]] = {
         "house": [{"type": "Polygon", "coordinates": [square(110, 70, 20)]}],
@@ -193,7 +251,9 @@ INSERTED = (
     "arrival_threshold", "poisson_ratio", "cohesion", "law", "cone", "description", "frequencies",
     "memory_gb",
     "basal_friction_angle_deg", "placement", "density", "precision", "speed_thresholds", "release_volume_factor",
-    "pore_pressure", "ratio", "saturation", "diffusivity", "decay_time", "pore_pressure_ratio",
+    "pore_pressure", "ratio", "saturation", "diffusivity", "decay_time", "pore_pressure_ratio", "pore_pressure_ratio_high",
+    "low", "high", "block", "elsewhere", "polygons", "bed", "depth", "erosion", "bulking", "most", "growth_rate", "specific_energy",
+    "bed_density", "erosion_most", "eroded_depth_thresholds", "net_deposition_thresholds", "joint",
 )  # fmt: skip
 
 
@@ -224,7 +284,7 @@ def odd_transform(random: Random) -> tuple[float, ...]:
 
 def odd_raster(folder: Path, random: Random) -> None:
     """The elevation or the thickness in an odd form."""
-    path = folder / "inputs" / random.choice(["dem.tif", "dem.tif", "thickness.tif", "deposit.tif", "difference.tif"])
+    path = folder / "inputs" / random.choice(["dem.tif", "dem.tif", "thickness.tif", "deposit.tif", "difference.tif", "bed.tif"])
     kind = random.choice(["tiff"] * 5 + ["bytes", "bytes", "ascii", "netcdf", "vrt", "side"])
     rows, columns = (random.choice([1, 2, 3, 5, ROWS, COLUMNS, 40]) for _ in "ab")
     if random.random() < 0.5:
@@ -306,7 +366,7 @@ def odd_ring(random: Random) -> Any:
 
 def odd_vector(folder: Path, random: Random) -> None:
     """The release, the dam or the zones in an odd form."""
-    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line"])
+    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line", "wet"])
     path = folder / "inputs" / f"{name}.geojson"
     kind = random.choice(["rings"] * 4 + ["members"] * 3 + ["bytes", "format", "format", "crowd"])
     if kind == "rings":

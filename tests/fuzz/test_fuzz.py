@@ -13,10 +13,12 @@ from random import Random
 import pytest
 from fuzz_cases import run
 from odd_commands import odd_call
-from odd_sites import MORE, SITE, write_good, write_odd_site
+from odd_sites import site_text, write_good, write_odd_site
 from ruamel.yaml import YAML
 
 from runout import cli
+from runout.config.bed import BedSettings
+from runout.config.pore_pressure import PorePressureSettings, RatioSettings
 from runout.config.schema import SiteSettings
 from runout.workflow.check import inspect
 
@@ -36,7 +38,12 @@ def test_the_site_that_is_made_odd_has_no_problem(tmp_path, full):
 
 
 def test_the_site_that_is_made_odd_has_every_block_and_every_command_is_called():
-    assert set(SiteSettings.model_fields) - set(YAML(typ="safe").load(SITE + MORE)) == {"basal_friction"}  # in place of the angle
+    stated = YAML(typ="safe").load(site_text(full=True))
+    assert set(SiteSettings.model_fields) - set(stated) == {"basal_friction"}  # in place of the angle
+    assert set(BedSettings.model_fields) - set(stated["bed"]) == {"polygons", "layer"}  # in place of the raster
+    pores = [release["pore_pressure"] for release in stated["release"]]
+    assert set(PorePressureSettings.model_fields) == {key for pore in pores for key in pore}
+    assert set(RatioSettings.model_fields) - {key for pore in pores for key in pore["ratio"]} == {"layer"}
     called = {odd_call(Random(seed))[0] for seed in range(1000)}
     assert {command.__name__.replace("_", "-") for command in cli.COMMANDS} <= called
 

@@ -10,6 +10,7 @@ import pytest
 from docs.pages.stress import page as stability_page
 from runout.backends.protocol import get_backend
 from runout.errors import RunoutError
+from runout.model.erosion_laws import EROSIONS
 from runout.studies import stability_stress
 from runout.studies.stability_cases.invariants import Watch
 from runout.studies.stability_cases.layout import Layout
@@ -19,6 +20,8 @@ from runout.studies.stability_cases.trial import LARGEST, attempt
 REFUSED = {  # pinned trials that must be refused, and words of the reason
     "cfl = 0.61": "unstable above 0.6",
     "friction_angle = 0.0": "no strength",
+    "pore_ratio = 0.98": "at most 0.97",
+    "bed_depth = 1.0, erosion = ramms, erosion_numbers = (('rate', 0.5),), bed_ratio = 0.98": "at most 0.97",
 }
 
 
@@ -34,7 +37,10 @@ def test_pinned_trial_survives_or_is_refused_with_its_reason(name, layout):
         assert trial.steps >= layout.steps
 
 
-@pytest.mark.parametrize("choice", [{}, {"terrain": "step down in one cell"}, {"keep": 1}], ids=named)
+OVER_A_BED = {"bed_depth": 1.0, "erosion_numbers": (("rate", 5.0), ("critical_stress", 0.0)), "bed_ratio": 0.9, "pore_ratio": 0.5}
+
+
+@pytest.mark.parametrize("choice", [{}, {"terrain": "step down in one cell"}, {"keep": 1}, OVER_A_BED], ids=named)
 def test_trial_survives_on_the_hash_backend_too(choice):
     trial = attempt("hash", Layout(**choice, steps=40, per_cell=(1, 1, 2)), "hash")
     assert (trial.verdict, trial.reason) == ("survived", "")
@@ -52,14 +58,14 @@ def test_mass_that_its_own_weight_would_crush_is_refused_with_the_modulus_it_nee
 def watched(steps=4, **choices):
     """A watch over a short run, and its backend."""
     layout = Layout(per_cell=(1, 1, 1), **choices)
-    scene, particles = layout.built()
+    scene, particles, _ = layout.built()
     engine = get_backend("reference")
     engine.load(scene, particles)
     watch = Watch(layout, scene, particles, engine.ledger())
     for _ in range(steps):
         dt = engine.stable_step()
         engine.step(dt)
-        watch.time += dt
+        watch.passed(dt)
     return watch, engine
 
 
@@ -86,6 +92,8 @@ def test_judge_is_content_with_a_sound_run():
         ("speed", {"max_speed": 50.0}, {}),
         ("penetration", {}, {"offset": lambda offset: np.subtract(offset, [0.0, 0.0, 0.9], out=offset)}),
         ("velocity is not finite", {}, {"velocity": lambda v: v.__setitem__((3, 1), np.nan)}),
+        ("pore_left is not finite", {}, {"pore_left": lambda left: left.__setitem__(3, np.nan)}),
+        ("pore pressure", {}, {"pore_left": lambda left: left.__setitem__(3, 1.01)}),
     ],
 )
 def test_judge_notices_a_broken_invariant(words, row, particles):
@@ -93,6 +101,22 @@ def test_judge_notices_a_broken_invariant(words, row, particles):
     watch.look(disturbed(engine, row=row, particles=particles))
     watch.finish(engine)
     assert any(reason.startswith(words) for reason in watch.broken), watch.broken
+
+
+def test_judge_notices_a_bed_that_gives_more_than_it_holds():
+    layout = Layout(per_cell=(1, 1, 1), bed_depth=0.5)
+    scene, particles, bed = layout.built()
+    engine = get_backend("reference")
+    engine.load(scene, particles)
+    watch = Watch(layout, scene, particles, engine.ledger(), bed)
+    watch.look(engine)
+    assert watch.broken == []
+    bed.eroded[:] = bed.depth.on_nodes(bed.first, bed.eroded.shape, scene.spacing) + 0.01
+    watch.look(engine)
+    assert watch.broken == ["bed 0.01"]
+    bed.booked.entrained_mass += 1.0
+    watch.look(engine)
+    assert watch.broken[0].startswith("mass")
 
 
 def test_judge_notices_energy_from_nowhere_and_creep():
@@ -118,6 +142,8 @@ def test_matrix_covers_every_axis_and_stays_small():
     samples = [layout for _, layout in sampled(200)]
     assert len(samples) == 200
     assert len({layout.terrain for layout in samples}) == 9
+    assert 60 < sum(s.bed_depth > 0 for s in samples) < 140 > sum(s.pore_pressure() is not None for s in samples) > 60
+    assert {s.erosion for s in samples} == {law.name for law in EROSIONS.known()}
     assert all(64 * np.prod(s.per_cell) * s.thickness / s.flatness <= LARGEST for s in samples)
     assert [s.h for s in samples] == [layout.h for _, layout in sampled(200)]
 

@@ -1,6 +1,7 @@
 """An erodible bed in site.yaml: what a run gets of it, sampled parameters, products and refusals."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,12 +11,20 @@ from ramp_site import CELL, COLUMNS, NORTH, ROWS, SITE, WEST, slab, write_raster
 import runout
 from runout import RammsErosion, cli
 from runout.errors import ConfigError, ExitCode, InputError
+from runout.report import sheets, tables
+from runout.report.members import VOLUMES
+from runout.report.study import read_study
+from runout.report.wording import number, quantity
 from runout.workflow.check import inspect
 
 BED = "bed:\n  depth: 1.2\n  erosion: {law: ramms, rate: 0.05, critical_stress: 1.0e3, depth_per_stress: 1.0e-4}\n"
 SAMPLED = "    erosion_rate: {distribution: uniform, low: 0.02, high: 0.08}\n"
 WITH_BED = SITE.replace("simulation:", f"{BED}bulking: 0.9\nsimulation:")
 ENSEMBLE = WITH_BED.replace("hazard:", f"{SAMPLED}hazard:").replace("members: 4", "members: 2")
+PERCENTILES = "percentiles: [50]"
+MAPPED = ENSEMBLE.replace(
+    PERCENTILES, "percentiles: [5, 50, 95], net_erosion_thresholds: [0.1, 0.25], net_deposition_thresholds: [0.5, 1]"
+)
 
 
 def write_zone(folder):
@@ -92,6 +101,18 @@ def test_samples_of_a_bed_that_is_not_there_are_refused(tmp_path):
         runout.read_site(write_site(tmp_path / "b", other))
 
 
+def test_thresholds_of_a_bed_that_is_not_there_are_refused(tmp_path):
+    conditions = f"{PERCENTILES}, eroded_depth_thresholds: [0.5], joint: [{{thickness: 1.0, eroded_depth: 0.5}}]"
+    with pytest.raises(ConfigError) as error:
+        runout.read_site(write_site(tmp_path / "a", SITE.replace(PERCENTILES, conditions)))
+    said = str(error.value)
+    assert re.search(r"site.yaml:\d+: hazard.eroded_depth_thresholds: the site has no bed; remove it, or add bed", said)
+    assert re.search(r"site.yaml:\d+: hazard.joint: condition 1 has a threshold of eroded_depth, but the site has no bed", said)
+    assert len(error.value.problems) == 2
+    with pytest.raises(ConfigError, match=r"hazard.net_erosion_thresholds: \[0.5, 0.25\] does not rise"):
+        runout.read_site(write_site(tmp_path / "b", MAPPED.replace("[0.1, 0.25]", "[0.5, 0.25]")))
+
+
 def test_check_names_what_a_bed_loses_and_does_not_resolve(tmp_path):
     excavated = WITH_BED.replace("placement: on_surface", "placement: excavated").replace("depth: 1.2", "depth: 0.3")
     findings = inspect(write_site(tmp_path / "site", excavated))
@@ -105,7 +126,7 @@ def test_check_names_what_a_bed_loses_and_does_not_resolve(tmp_path):
 
 def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     """The change of elevation of a member is bulking times deposit, minus release and eroded depth; its volume balances."""
-    folder = write_site(tmp_path / "site", ENSEMBLE + "observations: {difference: {raster: inputs/dod.tif}}\n")
+    folder = write_site(tmp_path / "site", MAPPED + "observations: {difference: {raster: inputs/dod.tif}}\n")
     write_raster(folder / "inputs" / "dod.tif", -slab())
     assert cli.main(["run", str(folder), "--workers", "1"]) == ExitCode.OK
     members = xr.open_dataset(folder / "results" / "members.nc")
@@ -117,13 +138,56 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     hazard = xr.open_dataset(folder / "results" / "hazard.nc")
     np.testing.assert_allclose(hazard["mean_eroded_depth"], eroded.mean(axis=0), atol=1e-6)
     np.testing.assert_allclose(hazard["mean_elevation_change"], change.mean(axis=0), atol=1e-5)
-    np.testing.assert_allclose(hazard["net_erosion_probability"], (change <= -0.1).mean(axis=0), atol=1e-6)
-    for name in ("mean_eroded_depth", "mean_elevation_change", "net_deposition_probability"):
-        assert (folder / "results" / "maps" / f"{name}.tif").is_file()
+    for name, values in (("eroded_depth", eroded), ("net_erosion", -change), ("net_deposition", change)):
+        for limit in (0.1, 0.25) if name == "net_erosion" else (0.5, 1.0):
+            p = hazard[f"{name}_exceedance_probability"].sel({f"{name}_threshold": limit})
+            np.testing.assert_allclose(p, (values >= np.float32(limit)).mean(axis=0), atol=1e-6, err_msg=f"{name} {limit}")
+        np.testing.assert_allclose(hazard[f"peak_{name}"], np.maximum(values, 0.0).max(axis=0), atol=1e-6)
+    assert float(hazard["net_erosion_exceedance_probability"].max()) == 1.0
+    for name, values in (("eroded_depth", eroded), ("elevation_change", change)):
+        low, middle, high = (hazard[f"{name}_percentile"].sel(percentile=level).values for level in (5.0, 50.0, 95.0))
+        np.testing.assert_array_equal(low, values.min(axis=0))
+        np.testing.assert_array_equal(middle, values.min(axis=0), err_msg="two members: the smaller one")
+        np.testing.assert_array_equal(high, values.max(axis=0))
+    share = members["bed_share"].values
+    np.testing.assert_array_equal(np.isnan(share), deposit == 0.0)
+    of_bed, mass = np.nan_to_num(share * deposit).sum(axis=0), deposit.sum(axis=0)
+    mean = np.where(mass > 0.0, of_bed / np.maximum(mass, 1e-30), np.nan)
+    np.testing.assert_allclose(hazard["mean_bed_share"], mean, atol=1e-5)
+    np.testing.assert_allclose(np.nan_to_num(share * deposit).sum(axis=(1, 2)), 0.9 * eroded.sum(axis=(1, 2)), rtol=1e-3)
+    maps = folder / "results" / "maps"
+    layers = ("mean_eroded_depth", "mean_elevation_change", "mean_bed_share", "net_erosion_exceedance_probability_over_0.1")
+    for name in (*layers, "elevation_change_percentile_5", "eroded_depth_percentile_95", "peak_net_deposition"):
+        assert (maps / f"{name}.tif").is_file(), name
+    names = ("mean_elevation_change", *(f"elevation_change_percentile_{level}" for level in (5, 50, 95)))
+    scales = {(maps / f"{name}.qml").read_text() for name in names}
+    assert len(scales) == 1, "one scale for all maps of the change of elevation"
+    edges = re.findall(r'<item value="([-.e0-9]+)"', *scales)
+    assert float(edges[0]) == -float(edges[-1]) < 0.0
     page = (folder / "results" / "report.html").read_text()
     assert "Eroded depth" in page
     assert "The bed is eroded at the rate of an empirical law" in page
     assert "takes up no bed" not in page
+    study = read_study(folder / "results")
+    headline = sheets.headline_sheets(study)
+    changes = [s for s in (*headline, *sheets.further_sheets(study, headline)) if s.title.startswith("Change of elevation")]
+    assert len(changes) == 4
+    assert len({sheet.top for sheet in changes} - {0.0}) == 1, "one scale in the report"
+    figures = {name: study.valid[name].to_numpy() for name in VOLUMES}
+    np.testing.assert_allclose(figures["released_volume"], slab().sum() * CELL**2, rtol=1e-5)
+    np.testing.assert_allclose(figures["eroded_volume"], eroded.sum(axis=(1, 2)) * CELL**2, rtol=1e-5)
+    grown = figures["released_volume"] + figures["eroded_volume"]
+    np.testing.assert_allclose(figures["whole_deposit_volume"], 0.9 * (grown - figures["left_volume"]), rtol=1e-4)
+    net = figures["raised_volume"] - figures["lowered_volume"]
+    np.testing.assert_allclose(net, figures["whole_deposit_volume"] - grown, rtol=1e-4)
+    cards = {label: (value, remark) for label, value, remark in tables.key_figures(study)}
+    assert cards["Eroded, median"][0] == quantity(figures["eroded_volume"].min(), "m³"), "two members: the smaller one"
+    low, high = number(figures["eroded_volume"].min()), quantity(figures["eroded_volume"].max(), "m³")
+    assert cards["Eroded, median"][1].endswith(f"{low} to {high} in 90 % of the members")
+    assert {"Released, median", "Deposited, median", "Left the site, median"} <= cards.keys()
+    assert "Eroded, median" in page
+    assert tables.balance(study)["mass"].startswith(("exactly", "to 1e-1", "to 2e-1", "to 3e-1")), "mass of the bed is no error"
+    assert max(map(tables.energy_residual, study.ledgers.values())) < 0.2
 
 
 def test_site_without_a_bed_has_no_maps_of_one(tmp_path):

@@ -1,11 +1,13 @@
 """Pore pressure in site.yaml and Python: settings, samples, rasters and blocks, checks and refusals, forecasts, a run."""
 
+import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from ramp_site import SITE, slab, write_raster, write_site
+from ramp_site import CELL, NORTH, SITE, WEST, slab, write_raster, write_site
 
 import runout
 from runout import PorePressure
@@ -14,6 +16,7 @@ from runout.errors import ConfigError, InputError, ReleaseError
 from runout.forecast.memory import expected_extent, pore_bytes
 from runout.forecast.stiffness import chosen_moduli
 from runout.model.numerics import Numerics
+from runout.model.pore_pressure import RatioZones
 from runout.simulation.scenario import build_scene
 from runout.workflow.check import inspect
 from runout.workflow.check_physics import least_friction
@@ -81,6 +84,123 @@ def test_a_raster_of_ratios_reaches_the_particles_of_its_cells(tmp_path):
     write_raster(folder / "inputs" / "ratio.tif", np.where(slab() > 0, 1.3, 0.0))
     with pytest.raises(InputError, match=r"site.yaml.*pore_pressure.ratio.*1.3"):
         runout.read_site(folder).releases()
+
+
+def write_zones(folder, *, second=(0.5, 1.0)):
+    """Two zones of the slab, its western and eastern part, with an attribute; the second from a share of its width on."""
+    rows, columns = np.nonzero(slab() > 0)
+    west, east = WEST + columns.min() * CELL, WEST + (columns.max() + 1) * CELL
+    north, south = NORTH - rows.min() * CELL, NORTH - (rows.max() + 1) * CELL
+    features = []
+    for (low, high), ratio in (((0.0, 0.5), 0.3), (second, 0.8)):
+        a, b = west + low * (east - west), west + high * (east - west)
+        ring = [[a, south], [b, south], [b, north], [a, north], [a, south]]
+        geometry = {"type": "Polygon", "coordinates": [ring]}
+        features.append({"type": "Feature", "properties": {"water": ratio}, "geometry": geometry})
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}}
+    text = json.dumps({"type": "FeatureCollection", "crs": crs, "features": features})
+    (folder / "inputs" / "wet.geojson").write_text(text)
+    return 0.5 * (west + east) - WEST  # local easting of the line between them
+
+
+def zoned(stated, sampled=""):
+    return with_pores(f"{{ratio: {{polygons: inputs/wet.geojson, {stated}}}, decay_time: 5}}", sampled)
+
+
+def write_zoned(folder, text, **choices):
+    return write_site(folder, text), write_zones(folder, **choices)
+
+
+def test_zones_give_their_ratio_to_the_particles_of_their_cells(tmp_path):
+    folder, line = write_zoned(tmp_path / "site", zoned("ratio: water"))
+    site = runout.read_site(folder)
+    ratios, x = particles_of(site)
+    inside = np.abs(x[:, 0] - line) > 1.0
+    np.testing.assert_allclose(ratios[inside], np.where(x[inside, 0] > line, 0.8, 0.3), rtol=1e-12)
+    assert any(path.name == "wet.geojson" for path in site.inputs())
+    again = particles_of(site, {"pore_pressure_ratio": 0.6})[0]
+    np.testing.assert_array_equal(again, ratios, err_msg="an attribute is not sampled")
+
+
+def test_ratios_of_zones_are_sampled_and_drawn_by_the_seed(tmp_path):
+    sampled = "    pore_pressure_ratio: {distribution: uniform, low: 0.6, high: 0.9}\n"
+    sampled += "    pore_pressure_ratio_elsewhere: {distribution: uniform, low: 0.1, high: 0.2}\n"
+    text = zoned("ratio: 0.7, elsewhere: 0.1", sampled)
+    folder, line = write_zoned(tmp_path / "site", text, second=(0.5, 0.75))
+    ratios, x = particles_of(runout.read_site(folder), {"pore_pressure_ratio": 0.65, "pore_pressure_ratio_elsewhere": 0.15})
+    assert set(np.round(np.unique(ratios), 12)) == {0.15, 0.65}
+    assert ratios[x[:, 0] < line].min() == pytest.approx(0.65)
+    assert inspect(folder).problems == []
+
+    folder, line = write_zoned(tmp_path / "drawn", zoned("low: 0.2, high: 0.9"))
+    site = runout.read_site(folder)
+    (first, x), (again, _), (other, _) = (particles_of(site, {"seed": seed}) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    west, east = first[x[:, 0] < line - 1.0], first[x[:, 0] > line + 1.0]
+    assert np.ptp(west) < 1e-15 > np.ptp(east), "one ratio for each zone"
+    assert 0.2 <= first.min() < first.max() <= 0.9
+    assert set(np.unique(other)).isdisjoint(np.unique(first)), "another member draws other ratios"
+    assert (pores_of(site).lowest, pores_of(site).highest) == (0.2, 0.9)
+    drawn = particles_of(site, {"seed": 1, "pore_pressure_ratio_low": 0.9})[0]
+    assert drawn == pytest.approx(0.9)
+
+
+def test_mass_beyond_all_zones_and_zones_beside_the_mass_are_told(tmp_path):
+    folder, _ = write_zoned(tmp_path / "site", zoned("ratio: 0.7"), second=(0.5, 0.75))
+    said = " ".join(map(str, inspect(folder).problems))
+    assert re.search(r"site.yaml:\d+: .*pore_pressure.ratio: .*cells of the release in all; give elsewhere", said)
+    folder, _ = write_zoned(tmp_path / "overlap", zoned("ratio: water"), second=(0.4, 1.0))
+    said = " ".join(map(str, inspect(folder).problems))
+    assert re.search(r"polygons 1 \(0.3\) and 2 \(0.8\) overlap .* so that every place has one ratio", said)
+    folder, _ = write_zoned(tmp_path / "unknown", zoned("ratio: wet"))
+    said = " ".join(map(str, inspect(folder).problems))
+    assert re.search(r"no attribute 'wet' for the ratio", said)
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ("polygons: inputs/wet.geojson", "neither ratio nor low and high are given; give ratio, or low and high"),
+        ("polygons: inputs/wet.geojson, low: 0.2", "low is given alone; give ratio, or low and high"),
+        ("polygons: inputs/wet.geojson, ratio: 0.5, low: 0.2, high: 0.4", "ratio.low: ratio is given too; give ratio, or low"),
+        ("polygons: inputs/wet.geojson, low: 0.5, high: 0.4", r"low: low \(0.5\) is above high \(0.4\); exchange them"),
+        ("polygons: inputs/wet.geojson, ratio: 0.99", "ratio.ratio: 0.99 is out of range"),
+        ("polygons: inputs/none.geojson, ratio: 0.5", "ratio.polygons: there is no file"),
+        ("polygons: inputs/wet.geojson, ratio: 0.5, block: 10", "block and polygons are both given; give block, or polygons"),
+        ("ratio: 0.5", "neither block nor polygons is given"),
+        ("low: 0.2, high: 0.4, block: 10, elsewhere: 0.1", "ratio.elsewhere: has no meaning without polygons"),
+        ("low: 0.2, block: 10", "ratio.high: required key is missing; give low and high"),
+        ("low: 0.2, hihg: 0.4, polygons: inputs/wet.geojson, ratio: 0.3", "ratio.hihg: unknown key; did you mean 'high'"),
+    ],
+)
+def test_wrong_zones_are_refused_with_key_and_remedy(tmp_path, stated, said):
+    text = with_pores(f"{{ratio: {{{stated}}}, decay_time: 5}}")
+    with pytest.raises(ConfigError, match=said) as error:
+        runout.read_site(write_zoned(tmp_path / "site", text)[0])
+    assert re.search(r"site.yaml:\d+: release\[0\].pore_pressure.ratio", str(error.value))
+
+
+def test_zones_in_python_are_checked():
+    zone = np.full((12, 60), -1)
+    zone[4:8, 4:7], zone[4:8, 7:10] = 0, 1
+    stated = RatioZones(zone=zone, ratio=np.array([0.2, 0.6]))
+    _, release = ramp(pore_pressure=PorePressure(ratio=stated, decay_time=1.0))
+    assert release.least_effective == pytest.approx(0.4)
+    with pytest.raises(ReleaseError, match="1 ratios for 2 zones"):
+        RatioZones(zone=zone, ratio=np.array([0.2]))
+    with pytest.raises(ReleaseError, match=r"ratio: ratio is 1\.2"):
+        RatioZones(zone=zone, ratio=np.array([0.2, 1.2]))
+    with pytest.raises(ReleaseError, match="neither ratio nor low and high"):
+        RatioZones(zone=zone)
+    with pytest.raises(ReleaseError, match="-1 where there is none"):
+        RatioZones(zone=np.full((12, 60), -1), ratio=0.2)
+    zone[4:8, 9] = -1
+    with pytest.raises(ReleaseError, match="4 cells of the release in all; give elsewhere"):
+        ramp(pore_pressure=PorePressure(ratio=RatioZones(zone=zone, ratio=0.2), decay_time=1.0))[1].pore_pressure.require_fits(
+            release.thickness, 2000.0, "release"
+        )
+    one, other = (PorePressure(ratio=RatioZones(zone=zone, ratio=r), decay_time=1.0).content() for r in (0.2, 0.3))
+    assert any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,11 @@ from runout.model.nodal_surface import NodalSurface
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.release import stagger
+from runout.simulation.erosion import ErodingBed
 from runout.studies.stability_cases.layout import EDGE, NARROW, Layout
 
 LIMITS = {  # largest measured value
-    "mass": 1e-12,  # relative change of mass, including escaped mass
+    "mass": 1e-12,  # relative change of mass, including escaped mass and that from a bed
     "momentum": 1.0,  # defect over its tolerance
     "energy": 1e-3,  # rise of all energy over the drop of potential energy
     "speed": 1.0,  # of a particle over its bound
@@ -20,10 +21,12 @@ LIMITS = {  # largest measured value
     "penetration": 0.1,  # of the middle of a layer of particles below the ground [cells]; they lie at some heights in it
     "penetration at narrow edges": 1.0,  # the same on terrains with edges that the stencil of three nodes cannot resolve
     "sinking": np.inf,  # of a particle below where it touches, half its size above the ground [cells]; reported
+    "bed": 1e-9,  # depth by which any node is eroded below its bed [cells]
+    "pore pressure": 1e-6,  # by which the part of the excess that remains lies beyond 0 to 1
     "rest": 1.0,  # creep over 1 mm/s, for what must end at rest
     "passage": 0.03,  # share of the mass that stays behind the edge of a cliff, for what must pass it
 }
-FIELDS = ("offset", "velocity", "affine", "strain", "history")
+FIELDS = ("offset", "velocity", "affine", "strain", "history", "pore_excess", "pore_left")
 
 
 @dataclass
@@ -34,8 +37,9 @@ class Watch:
     scene: Scene
     start: Particles
     first: LedgerRow
+    bed: ErodingBed | None = None
     worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LIMITS, 0.0))
-    time: float = 0.0
+    weight: np.ndarray = field(default_factory=lambda: np.zeros(3))  # impulse of gravity so far [N s]
     steps: int = 0
     not_finite: str = ""
     lowest: list[float] = field(default_factory=lambda: [np.inf, np.inf])  # energy so far [J], see :meth:`close`
@@ -44,9 +48,19 @@ class Watch:
     stored: float = 0.0  # energy that belongs to the places of the last look [J]
     moving: float = 0.0  # and to the velocities that led there [J]
 
+    def ledger(self, engine: Backend) -> LedgerRow:
+        """Sums since the start, those of a bed included."""
+        row = engine.ledger()
+        return self.bed.ledger(row) if self.bed else row
+
+    def passed(self, seconds: float) -> None:
+        """Count the impulse of gravity on all mass that is there for some ``seconds`` [s]."""
+        entrained = self.bed.booked.entrained_mass if self.bed else 0.0
+        self.weight += seconds * (self.first.mass + entrained) * np.array(self.scene.gravity)
+
     def look(self, engine: Backend) -> bool:
         """Update the invariants with the present state; False if it is not finite."""
-        p, row = engine.particles(), engine.ledger()
+        p, row = engine.particles(), self.ledger(engine)
         for name in FIELDS:
             if not np.isfinite(getattr(p, name)).all():
                 self.not_finite = name
@@ -54,6 +68,9 @@ class Watch:
         self._budget(row)
         if len(p):
             self._bounds(p, row)
+            self._keep("pore pressure", float(max(-p.pore_left.min(), p.pore_left.max() - 1.0)))
+        if self.bed:
+            self._within(self.bed)
         return True
 
     def finish(self, engine: Backend) -> None:
@@ -81,16 +98,16 @@ class Watch:
 
     def _budget(self, row: LedgerRow) -> None:
         first = self.first
-        self._keep("mass", abs(row.mass + row.escaped_mass - first.mass) / first.mass)
+        self._keep("mass", abs(row.mass + row.escaped_mass - row.entrained_mass - first.mass) / first.mass)
         if row.escaped_mass == 0.0:
-            weight = first.mass * np.array(self.scene.gravity)
-            defect = row.momentum - first.momentum - weight * self.time - row.basal_impulse
-            scale = np.abs(row.momentum).max() + np.abs(weight).max() * self.time + np.abs(row.basal_impulse).max()
+            defect = row.momentum - first.momentum - self.weight - row.basal_impulse
+            scale = np.abs(row.momentum).max() + np.abs(self.weight).max() + np.abs(row.basal_impulse).max()
             tolerance = (1e-10 if self.scene.precision == "float64" else 1e-5) * scale
             self._keep("momentum", float(np.abs(defect).max() / max(tolerance, np.finfo(float).tiny)))
-        self.stored = row.potential_energy + row.elastic_energy + row.escaped_energy + row.plastic_dissipation
-        self.moving = row.kinetic_energy + row.basal_dissipation + row.structure_dissipation
-        self.drop = max(self.drop, first.potential_energy - row.potential_energy - row.escaped_energy)
+        potential = row.potential_energy - row.entrained_energy
+        self.stored = potential + row.elastic_energy + row.escaped_energy + row.plastic_dissipation
+        self.moving = _moving(row) + row.structure_dissipation
+        self.drop = max(self.drop, first.potential_energy - potential - row.escaped_energy)
 
     def close(self, row: LedgerRow) -> None:
         """Complete the budget of the last look with the ledger one step later.
@@ -100,10 +117,17 @@ class Watch:
         vibration shows in one of them as a rise and fall. Energy from nowhere rises in both.
         """
         rises = []
-        for k, moving in enumerate((self.moving, 0.5 * (self.moving + row.kinetic_energy + row.basal_dissipation))):
+        for k, moving in enumerate((self.moving, 0.5 * (self.moving + _moving(row)))):
             self.lowest[k] = min(self.lowest[k], self.stored + moving)
             rises.append(self.stored + moving - self.lowest[k])
         self.rise = max(self.rise, min(rises))
+
+    def _within(self, bed: ErodingBed) -> None:
+        """Keep the depth by which nodes are eroded below their bed, with and without particles that were born early."""
+        spacing = self.scene.spacing
+        there = bed.depth.on_nodes(bed.first, bed.eroded.shape, spacing)
+        beyond = np.maximum(bed.eroded, bed.eroded - bed.owed) - there
+        self._keep("bed", float(beyond.max()) / min(spacing))
 
     def _bounds(self, p: Particles, row: LedgerRow) -> None:
         h, g, v0 = np.array(self.scene.spacing), STANDARD_GRAVITY, self.layout.speed
@@ -113,6 +137,9 @@ class Watch:
         self._keep("speed", row.max_speed / bound)
         if row.escaped_mass == 0.0:
             fall = before.mean() - z.mean() + 1e-6 * h[2]
+            if self.bed:  # mass joins at other heights
+                spent = self.first.potential_energy - row.potential_energy + row.entrained_energy
+                fall = spent / (row.mass * g) + 1e-6 * h[2]
             mean = np.linalg.norm(row.momentum) / row.mass
             released = 2 * self.first.elastic_energy / row.mass  # a release under its own weight can spring back
             fastest = np.sqrt(v0**2 + 2 * g * max(fall, 0.0) + released)
@@ -123,6 +150,14 @@ class Watch:
         middle = above + (stagger.LEVELS - 1) * p.radius  # half a layer above its lower end
         self._keep(f"penetration{edges}", float(-middle.min() / h.min()))
         self._keep("sinking", float(-(above - p.radius).min() / h.min()))
+
+
+def _moving(row: LedgerRow) -> float:
+    """Energy [J] that belongs to velocities: kinetic, and the work of the ground.
+
+    What mass from a bed takes is booked when it is born, before the flow is slower: it is left out, as a loss.
+    """
+    return row.kinetic_energy + row.basal_dissipation
 
 
 def _height(ground: NodalSurface, x: np.ndarray) -> np.ndarray:

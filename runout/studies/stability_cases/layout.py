@@ -1,20 +1,23 @@
 """One case of the stress test: a mass on a small terrain, with every setting of the run as a number."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
+from runout.model.bed import Bed
+from runout.model.erosion_laws import EROSIONS
 from runout.model.limits import CFL
 from runout.model.materials import Material
 from runout.model.numerics import Numerics, Scheme
 from runout.model.particles import Particles
-from runout.model.pore_pressure import PorePressure
+from runout.model.pore_pressure import PorePressure, RatioBlocks
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
+from runout.simulation.erosion import ErodingBed, eroding_bed
 from runout.simulation.scenario import build_scene
 
 CELLS = 40  # of the terrain, an axis
@@ -28,7 +31,8 @@ class Layout:
 
     ``terrain`` names one of :data:`TERRAINS`; ``keep`` is how many particles stay, all when None; ``speed`` [m/s] is that of
     the mass at the start, down the slope; ``rests`` says that it must end at rest, ``passes`` that it must leave the plane above
-    a cliff.
+    a cliff. ``pore_blocks`` are the lowest and highest ratio and the size of blocks [cells] in place of ``pore_ratio``. A
+    ``bed_depth`` [cells] above 0 is eroded by a law with ``erosion_numbers``, the others of which have their defaults.
     """
 
     terrain: str = "plane"
@@ -46,7 +50,15 @@ class Layout:
     slope: float = 30.0
     basal: float = 20.0
     pore_ratio: float = 0.0
+    pore_blocks: tuple[float, float, float] | None = None
+    saturation: float = 0.0
     diffusivity: float = 1e-2
+    decay_time: float | None = None
+    bed_depth: float = 0.0
+    bed_density: float | None = None
+    bed_ratio: float | None = None
+    erosion: str = "ramms"
+    erosion_numbers: tuple[tuple[str, float], ...] = ()
     speed: float = 0.0
     precision: str = "float32"
     substeps: int = Scheme.substeps
@@ -75,23 +87,40 @@ class Layout:
         elevation = TERRAINS[self.terrain](x, y, np.tan(np.radians(self.slope)))
         return Terrain.from_array(self.h * elevation, self.h, origin=self.origin)
 
-    def built(self) -> tuple[Scene, Particles]:
-        """Scene and particles; raises the error that refuses the settings."""
+    def bed(self) -> Bed | None:
+        """The erodible bed; None without one."""
+        if self.bed_depth == 0.0:
+            return None
+        erosion = replace(EROSIONS.find(self.erosion).example, **dict(self.erosion_numbers))
+        return Bed(self.bed_depth * self.h, erosion, self.bed_density, pore_pressure_ratio=self.bed_ratio)
+
+    def pore_pressure(self) -> PorePressure | None:
+        """Pore pressure of the mass; None for a dry one."""
+        low, high, block = self.pore_blocks or (0.0, 0.0, 0.0)
+        ratio = RatioBlocks(low=low, high=high, block=block * self.h) if self.pore_blocks else self.pore_ratio
+        if not (self.pore_ratio or self.pore_blocks or self.saturation):
+            return None
+        diffusivity = self.diffusivity if self.decay_time is None else None
+        return PorePressure(ratio=ratio, saturation=self.saturation, diffusivity=diffusivity, decay_time=self.decay_time)
+
+    def built(self) -> tuple[Scene, Particles, ErodingBed | None]:
+        """Scene, particles and bed; raises the error that refuses the settings."""
         terrain, thickness = self.ground(), np.zeros((CELLS, CELLS))
         start = CELLS - 3 - WIDTH if self.terrain == "edge" else FIRST
         middle = (CELLS - WIDTH) // 2
         thickness[middle : middle + WIDTH, start : start + WIDTH] = self.thickness * self.h
-        pore = PorePressure(ratio=self.pore_ratio, diffusivity=self.diffusivity) if self.pore_ratio else None
-        release = Release.from_array(thickness, terrain, Placement(self.placement), pore_pressure=pore)
+        release = Release.from_array(thickness, terrain, Placement(self.placement), pore_pressure=self.pore_pressure())
         sizes = (self.h, self.h, self.h * self.flatness)
         numerics = Numerics.of({**vars(self), "cell_size": sizes, "particles_per_cell": self.per_cell})
-        scene, p = build_scene(terrain, release, self.material(), self.basal, numerics)
+        bed = self.bed()
+        scene, p = build_scene(terrain, release, self.material(), self.basal, numerics, bed=bed)
         if self.keep is not None:
             p = p.take(np.arange(self.keep) * (len(p) // self.keep))
             p.strain[:] = 0.0  # no mass remains above them
         slope = np.radians(self.slope)
         p.velocity[:] = self.speed * np.array([np.cos(slope), 0.0, -np.sin(slope)])
-        return scene, p
+        eroding = eroding_bed(bed, scene, terrain, [release], self.per_cell)
+        return (eroding.scene if eroding else scene), p, eroding
 
 
 def _plane(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:

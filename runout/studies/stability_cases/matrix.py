@@ -15,6 +15,14 @@ SAMPLES, SEED = 200, 20
 PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
 FAST_AND_THIN: dict[str, Any] = {"speed": 30.0, "thickness": 0.25, "terrain": "ramp", "youngs_modulus": 1e8}  # ends transfers early
 SMALLEST_ANGLE = LARGEST_RADIANS + 0.03  # [deg]; smaller angles look like radians
+FIERCE = ("ramms", (("rate", 10.0), ("critical_stress", 0.0), ("depth_per_stress", 1.0)))  # takes all of a bed in some steps
+
+
+def eroding(law: str = "ramms", numbers: tuple[tuple[str, float], ...] = (("rate", 0.5),), **more: Any) -> dict[str, Any]:
+    """A bed as thick as a cell, at whose rate a run of 400 steps takes up a part of it, and other choices."""
+    return {"bed_depth": 1.0, "erosion": law, "erosion_numbers": numbers, **more}
+
+
 AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "Courant number": tuple({"cfl": c} for c in (0.1, 0.2, 0.4, 0.5, 0.6, 0.61, 0.8, 1.0, 1.5)),
     "Young's modulus": tuple({"youngs_modulus": e} for e in (1e4, 1e5, 1e6, 1e7, 1e8, 1e9)),
@@ -43,6 +51,50 @@ AXES: dict[str, tuple[dict[str, Any], ...]] = {
         {"pore_ratio": 0.97, "thickness": 0.25, "terrain": "bumps"},
         {"pore_ratio": 0.97, "terrain": "step down in one cell"},
         {"pore_ratio": 0.9, "speed": 30.0, "terrain": "ramp", "youngs_modulus": 1e8},
+        *({"pore_blocks": (0.0, 0.97, size)} for size in (0.1, 2.0, 1e4)),
+        {"pore_blocks": (0.8, 0.2, 2.0)},
+    ),
+    "drainage": (
+        *({"pore_ratio": 0.9, "diffusivity": d} for d in (1e-9, 1.0, 100.0, 101.0)),
+        *({"pore_ratio": 0.9, "decay_time": t} for t in (1e-6, 1.0, 1e6, 0.0)),
+        *({"pore_ratio": 0.5, "saturation": s} for s in (0.5, 1.0, 1.1)),
+        {"pore_ratio": 0.0, "saturation": 1.0, "decay_time": 0.1},
+        {"pore_ratio": 0.9, "saturation": 1.0, "density": 1020.0},
+        {"pore_ratio": 0.97, "decay_time": 1e-3, "speed": 30.0, "terrain": "ramp", "youngs_modulus": 1e8},
+    ),
+    "erodible bed": (
+        *(
+            eroding(law, numbers)
+            for law, numbers in (
+                ("ramms", ()),
+                FIERCE,
+                ("growth", (("growth_rate", 1.0),)),
+                ("energy", (("specific_energy", 1.0),)),
+                ("jump", (("most", 0.05),)),
+                ("jump", (("most", 10.0), ("friction_angle", 0.0))),
+            )
+        ),
+        *(eroding(bed_depth=depth) for depth in (1e-3, 0.1, 8.0)),
+        eroding(bed_depth=-1.0),
+        *(eroding("ramms", (("rate", rate),)) for rate in (0.0, 10.0, 11.0)),
+        *(eroding(bed_density=density) for density in (1.0, 500.0, 20_000.0, 0.5)),
+        *(eroding(*FIERCE, terrain=t) for t in ("bumps", "step down in one cell", "edge", "unknown cells", "wall of 80 deg")),
+        eroding(*FIERCE, placement="excavated"),
+        eroding(*FIERCE, thickness=0.25),
+        eroding(*FIERCE, keep=1),
+        eroding(*FIERCE, per_cell=(1, 1, 1)),
+        eroding(*FIERCE, flatness=0.5),
+        eroding(*FIERCE, precision="float64"),
+        eroding(*FIERCE, **FAST_AND_THIN),
+        eroding(*FIERCE, h=400.0, youngs_modulus=4e9),
+        eroding(*FIERCE, h=1e-3),
+    ),
+    "wet bed": (
+        *(eroding(*FIERCE, pore_ratio=0.5, bed_ratio=ratio) for ratio in (0.0, 0.9, 0.97, 0.98)),
+        eroding(*FIERCE, bed_ratio=0.9),
+        eroding("jump", (("most", 10.0),), pore_ratio=0.9, bed_ratio=0.97, terrain="bumps"),
+        eroding(*FIERCE, pore_blocks=(0.0, 0.97, 2.0), bed_ratio=0.97, saturation=1.0, decay_time=0.1),
+        eroding(*FIERCE, pore_ratio=0.9, bed_ratio=0.5, substeps=64, **FAST_AND_THIN),
     ),
     "thickness [cells]": tuple({"thickness": t} for t in (0.1, 0.25, 0.5, 1.0, 4.0)),
     "placement": ({"placement": "excavated"}, {"placement": "excavated", "terrain": "bumps"}),
@@ -90,6 +142,11 @@ PINNED: tuple[dict[str, Any], ...] = (
     {"speed": 100.0, "terrain": "ramp", "youngs_modulus": 1e8},
     {"origin": (2.627e6, 5.14e6)},
     {"pore_ratio": 0.97, "terrain": "bumps"},
+    {"pore_blocks": (0.0, 0.97, 2.0), "saturation": 1.0, "decay_time": 0.1},
+    {"pore_ratio": 0.98},
+    eroding(*FIERCE, terrain="bumps"),
+    eroding("jump", (("most", 10.0),), pore_ratio=0.9, bed_ratio=0.97),
+    eroding(bed_ratio=0.98),
     {"substeps": 1},
     {"substeps": 16},
     {"substeps": 64, **FAST_AND_THIN},
@@ -122,10 +179,24 @@ def named(choice: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in choice.items()) or "as it is"
 
 
+def _wet_and_eroding(u: np.ndarray, h: float) -> dict[str, Any]:
+    """Pore pressure of every second sample on cells of ``h`` [m], and a bed of every second: from the sixteenths of the axes."""
+    v = u * 16.0 % 1.0
+    wet, bed = v[2] < 0.5, v[3] < 0.5
+    laws = (FIERCE, ("growth", (("growth_rate", v[4]),)), ("energy", ()), ("jump", (("most", 10.0 * v[4]),)))
+    pores: dict[str, Any] = {"saturation": float(v[6]), **({"decay_time": 10.0 ** (4.0 * v[7] - 2.0)} if v[8] < 0.5 else {})}
+    blocks = max(2.0, 1.01 * LIMITS["pore_pressure_block"].low / h)  # [cells]
+    pores |= {"pore_blocks": (0.0, 0.97, blocks)} if v[5] < 0.3 else {"pore_ratio": 0.97 * v[5]}
+    law, numbers = laws[int(v[9] * 4)]
+    beds = {"bed_depth": 0.05 * 80.0 ** v[10], "erosion": law, "erosion_numbers": numbers, "bed_ratio": 0.97 * v[11]}
+    return (pores if wet else {}) | (beds if bed else {})
+
+
 def _from_unit(u: np.ndarray) -> Layout:
     terrains = [t for t in TERRAINS if not t.startswith(("unknown", "cells of"))]
     per_cell = tuple(int(k) for k in np.floor(1.0 + 3.0 * u[5:8]))
     thickness = 0.25 * 16.0 ** u[12]
+    h = min(10.0 ** (-3.0 + 6.0 * u[8]), LIMITS["thickness"].high / thickness)
     layout = Layout(
         cfl=0.1 + 0.5 * u[0],
         youngs_modulus=10.0 ** (4.0 + 5.0 * u[1]),
@@ -133,7 +204,7 @@ def _from_unit(u: np.ndarray) -> Layout:
         friction_angle=max(60.0 * u[3], SMALLEST_ANGLE),
         cohesion=0.0 if u[4] < 0.4 else 10.0 ** (10.0 * (u[4] - 0.4)),
         per_cell=(per_cell[0], per_cell[1], per_cell[2]),
-        h=min(10.0 ** (-3.0 + 6.0 * u[8]), LIMITS["thickness"].high / thickness),
+        h=h,
         terrain=terrains[int(u[9] * len(terrains))],
         slope=60.0 * u[10],
         basal=max(60.0 * u[11], SMALLEST_ANGLE),
@@ -141,6 +212,7 @@ def _from_unit(u: np.ndarray) -> Layout:
         flatness=0.5 + 0.5 * u[13],
         precision="float32" if u[0] * 16 % 1 < 0.5 else "float64",
         substeps=(1, 4, 16, 64)[int(u[1] * 16 % 1 * 4)],
+        **_wet_and_eroding(u, h),
     )
     held = 64 * np.prod(per_cell) * layout.thickness / layout.flatness
     return layout if held <= LARGEST else replace(layout, per_cell=(1, 1, 1))

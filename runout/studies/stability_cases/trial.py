@@ -32,22 +32,28 @@ def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu
     """Run one layout on one backend (one thread on the CPU), in the transfers of a run."""
     started = time.perf_counter()
     try:
-        scene, particles = layout.built()
+        scene, particles, bed = layout.built()
         engine = get_backend(backend, device, 1)
         engine.load(scene, particles)
+        if bed:
+            bed.begin(particles)
     except RunoutError as refusal:
         return Trial(name, layout, backend, "refused", str(refusal), 0, 0, {}, time.perf_counter() - started)
-    watch = Watch(layout, scene, particles, engine.ledger())
+    watch = Watch(layout, scene, particles, engine.ledger(), bed)
     every, reasons = max(1, layout.steps // LOOKS), list[str]()  # steps, which end with a transfer
+    time_now = 0.0  # [s]
     try:
         while watch.steps < layout.steps and watch.look(engine):
             looked = watch.steps
             while watch.steps < looked + every:
                 dt = engine.stable_step()
                 count = transfer(engine, scene, dt)
-                watch.time += count * dt
+                watch.passed(count * dt)
+                time_now += count * dt
                 if watch.steps == looked:
-                    watch.close(engine.ledger())
+                    watch.close(watch.ledger(engine))
+                if bed and time_now >= bed.due:
+                    bed.update(engine, time_now)
                 watch.steps += count
         watch.look(engine)
         watch.finish(engine)
