@@ -83,7 +83,7 @@ def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: 
     first, releases = arguments[0], masses_of(arguments[0])
     spacing, end_time = spacing_of(first["cell_size"]), float(first["end_time"])
     thickness = [GATHERED * float(r.thickness[r.thickness > 0].mean()) for r in releases]
-    resistance = _resistance(arguments, releases, spacing[2], largest_speed, thickness)
+    resistance = _resistance(arguments, spacing[2], largest_speed, thickness)
     drags = isinstance(resistance, ColumnResistance) and resistance.law.drags  # else thickness does not change the motion
     slides = slide(releases, resistance, len(arguments), spacing[:2], end_time, most=thickness if drags else None)
     settling = 1.0 if drags else SETTLING  # points with drag slow down one by one as the mass does
@@ -95,7 +95,7 @@ def depth_of_flow(arguments: Mapping[str, Any], flow_speed: float) -> float:
     """Depth [m] of the flow of a member with these arguments of :func:`runout.simulate`; it reaches about ``flow_speed`` [m/s]."""
     releases, spacing = masses_of(arguments), spacing_of(arguments["cell_size"])
     thickness = [float(r.thickness[r.thickness > 0].mean()) for r in releases]
-    resistance = _resistance([arguments], releases, spacing[2], flow_speed, thickness)
+    resistance = _resistance([arguments], spacing[2], flow_speed, thickness)
     pressure = lateral_pressure([r.material or arguments["material"] for r in releases])
     return forecast_depth(releases, resistance, pressure, spacing[:2], float(arguments["end_time"]), thickness)
 
@@ -135,9 +135,7 @@ def _flow(slides: Slide, k: int, end_time: float, settling: float | None, lastin
     return Flow(duration, float(fastest) * duration, float(share))
 
 
-def _resistance(
-    arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Release]", height: float, fastest: float, thickness: Sequence[float]
-) -> Resistance:
+def _resistance(arguments: Sequence[Mapping[str, Any]], height: float, fastest: float, thickness: Sequence[float]) -> Resistance:
     """Resistance of the ground in each member, to columns of a ``thickness`` [m] of each release."""
     grounds = []
     for member in arguments:
