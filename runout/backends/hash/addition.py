@@ -91,9 +91,8 @@ def _packed(parts: Parts, accounts: Sequence[Account], scene: int, p: Particles)
 def _grow(parts: Parts, many: int) -> None:
     """Make places for so many particles and some more; the arrays by block, which depend on them, are made anew."""
     store, nodes, structures = parts.store, parts.nodes, parts.structures
-    needed = max(store.n, len(store.identity)) + many
-    largest = largest_particles(parts.scenes.scenes[0].dtype().itemsize)
-    store.grow(max(store.size, min(needed + max(needed // 8, FEWEST_MORE), largest)))
+    needed, largest = store.n + many, largest_particles(parts.scenes.scenes[0].dtype().itemsize)
+    store.grow(store.size if needed <= store.size else min(needed + max(needed // 8, FEWEST_MORE), largest))
     parts.index.fit_pieces(store.size)
     rooms = (nodes.places, nodes.slots), (structures.places, structures.slots) if structures else (0, 0)
     if structures:

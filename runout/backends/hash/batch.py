@@ -177,6 +177,8 @@ class Batch:
         ground = self.parts.scenes.scenes[scene].ground
         assert ground is not None
         assert self.parts.ground is not None
+        if not depth.size:
+            return
         ground.lower(first, depth)
         with self._on_device():
             self.parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)

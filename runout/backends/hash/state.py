@@ -112,10 +112,10 @@ class Store:
             self.forces[part].assign(np.column_stack([np.full(len(p), steps & STAMPS), p.ground_force]).astype(dtype))
 
     def grow(self, places: int) -> None:
-        """Make so many places, and room for forces and pore pressure of as many numbers behind those that are taken."""
+        """Make so many places, and room for forces and pore pressure of the numbers that may come."""
         rec, radius, by_place, n = self.rec, self.radius, (self.release, self.number, self.key), self.n
         self._make_places(places, self.memory.dtype)
-        numbers = len(self.identity) + places - n
+        numbers = len(self.identity) + max(places - n, places // 8)
         self.forces = _longer(self.forces, numbers)
         self.pore_left, self.pore_excess = (_longer(a, numbers * self.wet) for a in (self.pore_left, self.pore_excess))
         if not n:
