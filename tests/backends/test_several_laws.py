@@ -104,16 +104,17 @@ def test_releases_may_stand_in_any_order(backend):
 @pytest.mark.parametrize("name", ["scan", "hash"])
 def test_zones_change_each_law_alike_on_all_backends(name):
     factor = np.ones((40, 30))
-    factor[6:9] = 2.0  # the masses slide over its edges
+    factor[6:9] = 2.0  # its edge is below both masses
     outside = (factor == 1.0).astype(float)
     zones = FrictionZones(factor, np.zeros_like(factor), (2.0, 2.5), replaced={"inverse_xi": (outside, 0.02 * (1.0 - outside))})
     zoned = two_laws(friction_zones=zones)
-    expected, found = (advance(loaded(engine_of(n), zoned, together(masses(APART)))) for n in ("reference", name))
+    steps = 16  # a sheared slab of sand doubles differences every third step
+    expected, found = (advance(loaded(engine_of(n), zoned, together(masses(APART))), steps) for n in ("reference", name))
     assert_close_states(expected.particles(), found.particles(), 1e-9, UNIT)
-    plain = advance(loaded(engine_of("reference"), two_laws(), together(masses(APART)))).particles()
+    plain = advance(loaded(engine_of("reference"), two_laws(), together(masses(APART))), steps).particles()
     half = len(plain) // 2
     for part in (slice(None, half), slice(half, None)):
-        assert expected.particles().velocity[part, 0].mean() < plain.velocity[part, 0].mean() - 0.01
+        assert expected.particles().velocity[part, 0].mean() < plain.velocity[part, 0].mean() - 1e-3
 
 
 def test_members_of_several_laws_share_a_launch():
