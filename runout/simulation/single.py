@@ -196,7 +196,7 @@ def _computed(run: Run, terrain: Terrain, setup: float) -> Result:
     run.go()
     run.seconds += clock.perf_counter() - loaded
     result = run.result(terrain, run.n_particles, setup)
-    result.start.update(record_of(run.entering.sources if run.entering else ()))
+    result.start = {**result.start, **record_of(run.entering.sources if run.entering else ())}
     for name in result.never_started:
         LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
     if result.depth_resolution.is_coarse:
