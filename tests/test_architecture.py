@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "runout").rglob("*.py"), *(ROOT / "pipelines").rglob("*.py")])
 LARGEST_FUNCTION = 40
 LARGEST_KERNEL = 60  # of the compiled backends
-LARGEST_REFERENCE = 580
+LARGEST_REFERENCE = 620
 HOMES = {
     "numba": (
         *("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),

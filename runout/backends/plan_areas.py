@@ -167,11 +167,16 @@ def weighed(
     return np.stack(sums, axis=1)
 
 
+def nearest_nodes(p: Particles) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest nodes of the plan (n,) of particles, east and north."""
+    east, north = (p.node[:, :2] + np.rint(p.offset[:, :2]).astype(np.int64)).T
+    return east, north
+
+
 def weighed_particles(scene: Scene, p: Particles, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
     """The same (releases, 2, nx, ny) of particles of a scene."""
     ratio = np.zeros(len(p))
     if scene.is_wet:
         table = scene.pore_table().view(np.recarray)[p.release]
         ratio = array_binding().pore_pressure.pore_ratio(p.pore_excess, p.pore_left, table)
-    east, north = (p.node[:, :2] + np.rint(p.offset[:, :2]).astype(np.int64)).T
-    return weighed((east, north), p.mass, p.release, ratio, len(scene.materials), first, shape)
+    return weighed(nearest_nodes(p), p.mass, p.release, ratio, len(scene.materials), first, shape)

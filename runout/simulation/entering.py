@@ -20,47 +20,51 @@ from runout.model.scene import Scene
 from runout.simulation.observers import PeakMaps
 
 LOGGER = logging.getLogger(__name__)
-ROUNDING = 1e-12  # of times, relative
 RECORDED = "late_source", "late_source_start_time", "late_source_waiting_mass"  # attributes of a run
 
 
 class Source(Protocol):
-    """Something that gives mass to a run.
+    """Something that gives mass to a run; what it has may be attributes or properties."""
 
-    Attributes
-    ----------
-    due : float
-        Next time [s] at which the source must be asked: after the first transfer that reaches it. Infinite if never again.
-    stop : float
-        Next time [s] that a transfer has to end at exactly; infinite if there is none. The last transfers before it are equal.
-    coming : bool
-        Whether it will give mass whatever the flow does. A run does not end at rest as long as it will.
-    sudden : bool
-        Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew.
-    waiting_mass : float
-        Mass [kg] that it holds and may give; 0 if that is not known in advance.
-    thickness : ndarray (rows, columns) or float
-        Of the release that it holds [m], 0 if it holds none.
-    particle_volume : float
-        Mean volume of its particles without stress [m3].
-    name : str
-        For the record.
-    started : float
-        Time at which its first mass entered [s]; NaN before.
-    reserved : int
-        Number of particles that it will give at once and that are numbered in advance; 0 for a source that gives them by and by.
-    """
+    @property
+    def name(self) -> str:
+        """For the record."""
 
-    due: float
-    stop: float
-    coming: bool
-    sudden: bool
-    thickness: np.ndarray | float
-    waiting_mass: float
-    particle_volume: float
-    name: str
-    started: float
-    reserved: int
+    @property
+    def due(self) -> float:
+        """Next time [s] at which it must be asked: after the first transfer that reaches it. Infinite if never again."""
+
+    @property
+    def stop(self) -> float:
+        """Next time [s] that a transfer has to end at exactly, infinite without one. The last transfers before it are equal."""
+
+    @property
+    def coming(self) -> bool:
+        """Whether it will give mass whatever the flow does. A run does not end at rest as long as it will."""
+
+    @property
+    def sudden(self) -> bool:
+        """Whether it gives a whole mass at once. Maps then get the columns before and after, and the rule of rest starts anew."""
+
+    @property
+    def started(self) -> float:
+        """Time at which its first mass entered [s]; NaN before."""
+
+    @property
+    def waiting_mass(self) -> float:
+        """Mass [kg] that it holds and may give; 0 if that is not known in advance."""
+
+    @property
+    def thickness(self) -> np.ndarray | float:
+        """Thickness (rows, columns) [m] of the release that it holds; 0 if it holds none."""
+
+    @property
+    def particle_volume(self) -> float:
+        """Mean volume of its particles without stress [m3]."""
+
+    @property
+    def reserved(self) -> int:
+        """Number of particles that it will give at once, numbered in advance; 0 for a source that gives them by and by."""
 
     def begin(self, scene: Scene) -> None:
         """Take the scene of the run, on the ground that a bed may lower."""
@@ -117,11 +121,14 @@ class Entering:
     def __init__(self, sources: Sequence[Source]):
         self.sources, self.entered = tuple(sources), Entered()
         self.scene: Scene | None = None
-        self.first = 0  # number of the first particle that enters
+        self.first, self.rounding = 0, 0.0  # number of the first particle that enters; error of a time [s]
 
-    def begin(self, scene: Scene, particles: int, peaks: PeakMaps) -> None:
-        """Take the scene of the run, which starts with so many ``particles``, and the maps at which sources may look."""
-        self.scene, self.first = scene, particles
+    def begin(self, scene: Scene, particles: int, peaks: PeakMaps, rounding: float) -> None:
+        """Take the scene of the run, which starts with so many ``particles``, and the maps at which sources may look.
+
+        ``rounding`` [s] is the error of a time.
+        """
+        self.scene, self.first, self.rounding = scene, particles, rounding
         for source in self.sources:
             source.begin(scene)
             if isinstance(source, Watcher):
@@ -173,7 +180,10 @@ class Entering:
 
     def is_sudden(self, time: float) -> bool:
         """Whether a source that is due at a time [s] gives a whole mass at once."""
-        return any(source.sudden and _is_due(source, time) for source in self.sources)
+        return any(source.sudden and self._is_due(source, time) for source in self.sources)
+
+    def _is_due(self, source: Source, time: float) -> bool:
+        return source.due <= time + self.rounding
 
     def update(self, engine: Backend, time: float, born: int = 0) -> int:
         """Let the sources that are due at a time [s] give mass to the backend; returns the number of particles that entered.
@@ -184,7 +194,7 @@ class Entering:
         number, entered = self.first, 0
         for source in self.sources:
             own, number = number, number + source.reserved
-            particles = source.take(engine, time) if _is_due(source, time) else None
+            particles = source.take(engine, time) if self._is_due(source, time) else None
             if particles is None or not len(particles):
                 continue
             if not source.reserved:
@@ -235,10 +245,6 @@ class Entering:
             self.scene.ground.restore(state["change"])
         for number, source in enumerate(self.sources):
             source.restore(part(state, f"source{number}."))
-
-
-def _is_due(source: Source, time: float) -> bool:
-    return source.due <= time * (1.0 + ROUNDING)
 
 
 def never_started(record: Mapping[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from runout.backends import bed_loops
 from runout.backends.compile import array_binding, numba_binding
-from runout.backends.plan_areas import covered_shares, weighed_particles
+from runout.backends.plan_areas import covered_shares, nearest_nodes, weighed
 from runout.backends.protocol import Backend, LedgerRow, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, require_kind
@@ -121,10 +121,13 @@ class ErodingBed:
     def begin(self, particles: ParticleSource) -> None:
         """Note how many particles there are at the start, and where those of several releases lie."""
         self.particles = len(particles)
-        if len(self.scene.materials) > 1:
-            chunks = particles.chunks(stressed=False)
-            masses = [weighed_particles(self.scene, chunk, self.first, self.owed.shape) for chunk in chunks]
-            self._note_releases(self.releases, np.sum(masses, axis=0))
+        count = len(self.scene.materials)
+        if count > 1 and self.particles:
+            chunks = ((*nearest_nodes(p), p.mass, p.release) for p in particles.chunks(stressed=False))
+            east, north, mass, release = (np.concatenate(values) for values in zip(*chunks, strict=True))
+            shape = self.owed.shape[0], self.owed.shape[1]
+            masses = weighed((east, north), mass, release, np.zeros(len(mass)), count, self.first, shape)
+            self._note_releases(self.releases, masses)
 
     def update(self, engine: Backend, time: float) -> None:
         """Erode the bed up to a ``time`` [s]; if births are due, particles join the backend."""

@@ -137,7 +137,7 @@ class Run:
             self.bed.begin(particles)
             self.bed.particles += self.entering.reserved if self.entering else 0
         if self.entering:
-            self.entering.begin(self.scene, self.particles, self.peaks)
+            self.entering.begin(self.scene, self.particles, self.peaks, self._rounding)
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""

@@ -332,7 +332,7 @@ def test_masses_around_nodes_are_those_of_the_particles(name, case):
 def test_columns_around_nodes_take_boxes_of_a_cell(name):
     """Half a cell to either side; two materials; what reaches beyond the raster counts at its edge."""
     a_scene, substeps = scene_of("two materials")
-    early, late = mass((20.0, 0.4, 0.0), speed=1.0), both_of("two materials")[1]
+    early, late = mass((20.0, 0.1, 0.0), speed=1.0), both_of("two materials")[1]
     engine = running(engine_of(name), a_scene, early.joined(late), 5, substeps)
     found, p = engine.node_columns(), engine.particles()
     x = p.position(np.ones(3))

@@ -334,7 +334,7 @@ def test_bed_of_any_scene_is_booked_and_resumes_to_the_same_bits(name, kind, tmp
         choices["structures"] = wall_beside()
     if len(choices["materials"]) > 1:
         choices["friction_zones"] = FrictionZones(np.full((40, 30), 0.8), np.zeros((40, 30)), (2.0, 2.5))
-    energy = EnergyErosion(specific_energy=400.0) if "pore_pressure" in choices else FIXED
+    energy = EnergyErosion(specific_energy=40.0) if "pore_pressure" in choices else replace(FIXED, rate=0.3)
     a_scene, terrain = scene(plane(), **choices), Terrain.from_array(np.zeros(CELLS), (2.0, 2.5))
 
     def start(keep):

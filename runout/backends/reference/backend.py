@@ -10,17 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from runout.backends import footprints
+from runout.backends import footprints, plan_areas
 from runout.backends.compile import numba_binding
 from runout.backends.loading import require_movable
-from runout.backends.plan_areas import (
-    begun_impulses,
-    column_drags,
-    contact_areas,
-    layer_thicknesses,
-    slow_columns,
-    weighed_particles,
-)
+from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, layer_thicknesses, slow_columns
 from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.contact import Contacts
@@ -216,7 +209,7 @@ class ReferenceBackend:
 
     def plan_masses(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) by release around nodes of the plan."""
-        return weighed_particles(self.scene, self._p, first, shape)
+        return plan_areas.weighed_particles(self.scene, self._p, first, shape)
 
     def _drain(self, thickness: np.ndarray | None, dt: float) -> None:
         """Drain pore pressure over a substep, and note the shares (n,) of the normal stress that grains carry in its middle."""
