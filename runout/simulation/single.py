@@ -24,7 +24,7 @@ from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.release.inlet import mass_at
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
-from runout.simulation.entering import Entering
+from runout.simulation.entering import Entering, Source
 from runout.simulation.erosion import eroding_bed
 from runout.simulation.inflow import record_of, sources_of
 from runout.simulation.result import Result
@@ -176,7 +176,7 @@ def simulate(
     )  # fmt: skip
     _warn(scene, [r.name for r in masses], inflows, end_time)
     eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
-    sources = [*waiting, *sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)]
+    sources: list[Source] = [*waiting, *sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)]
     entering = Entering(sources) if sources else None
     more = [part for part in (eroding, entering) if part]
     key = run_key(scene, particles, control, type(engine).__name__, more=more) if checkpoint else ""
