@@ -128,13 +128,7 @@ def _contradictions(document: Document) -> Iterator[Problem]:
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
         yield from _own_friction(document, ("release", i), release, sampled)
     inflows = _blocks(document, (inflow.INFLOW,))
-    for i, one in enumerate(inflows):
-        yield from _problems(document, (inflow.INFLOW, i), inflow.inflow_conflicts(_stated(one)) if one else ())
-        others = names + [other.get("name", inflow.INFLOW) for other in inflows[:i]]
-        if (name := one.get("name", inflow.INFLOW)) in others:
-            where: Location = (inflow.INFLOW, i, "name")
-            yield document.problem(where, f"two masses are called {name!r}", "give each its own name")
-        yield from _own_friction(document, (inflow.INFLOW, i), one, sampled)
+    yield from _inflows(document, inflows, names, sampled)
     for i, key, message, fix in release_start.start_conflicts(document.values):
         yield document.problem(("release", i, key), message, fix)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
@@ -173,6 +167,19 @@ def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Prob
                 make(release, {})
             except InputError as error:
                 yield document.problem(("release", i, key), *in_keys(error, law.parameters))
+
+
+def _inflows(
+    document: Document, inflows: list[dict[str, Any]], names: list[Any], sampled: dict[str, Any]
+) -> Iterator[Problem]:  # fmt: skip
+    """Problems of inflows that contradict themselves, or have a name among ``names`` or that of another."""
+    for i, one in enumerate(inflows):
+        place: Location = (inflow.INFLOW, i)
+        yield from _problems(document, place, inflow.inflow_conflicts(_stated(one)) if one else ())
+        others = names + [other.get("name", inflow.INFLOW) for other in inflows[:i]]
+        if (name := one.get("name", inflow.INFLOW)) in others:
+            yield document.problem((*place, "name"), f"two masses are called {name!r}", "give each its own name")
+        yield from _own_friction(document, place, one, sampled)
 
 
 def _stated(block: Any) -> dict[str, Any]:

@@ -67,7 +67,8 @@ def simulate_batch(
 
     Scenarios share the launches of one device: as many at a time as its memory holds, until they have :data:`ENOUGH` particles or
     are :data:`MOST`; the next are prepared meanwhile. Each gives what
-    :func:`runout.simulate` gives with backend "hash": the same particles in the same order of operations.
+    :func:`runout.simulate` gives with backend "hash": the same particles in the same order of operations. Where mass enters later
+    in any scenario of a launch, sums are added in another order.
 
     Parameters
     ----------

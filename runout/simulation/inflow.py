@@ -333,8 +333,7 @@ def sources_of(
     return [source_of(one, first + k, spacing, per_axis, end_time, seed) for k, one in enumerate(inflows)]
 
 
-def record_of(sources: Sequence[HydrographSource]) -> dict[str, list[float]]:
-    """For the record of a run: volume that entered, and that of it which stood on the flow at the line [m3], by inflow."""
-    if not sources:
-        return {}
-    return {"inflow_volume": [s.entered for s in sources], "inflow_on_top_volume": [s.lifted for s in sources]}
+def record_of(sources: Sequence[object]) -> dict[str, list[float]]:
+    """For the record of a run with some sources, by inflow: volume that entered, and that of it which stood on the flow [m3]."""
+    own = [source for source in sources if isinstance(source, HydrographSource)]
+    return {"inflow_volume": [s.entered for s in own], "inflow_on_top_volume": [s.lifted for s in own]} if own else {}

@@ -59,15 +59,11 @@ def build_scene(
     from runout.backends.initial_stress import InitialStress, launched_by, pressed_by, wetted_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.release.arrangement import default_particles
-    from runout.release.inlet import mass_at
     from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare
     from runout.terrain.crest_window import Mass
 
-    there = [release] if isinstance(release, Release) else list(release)
-    releases = [*there, *map(mass_at, inflows_of(inflow))]
-    if not releases:
-        raise ReleaseError("neither a release nor an inflow is given; at least one is needed")
+    there, releases = _masses(release, inflow)
     basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)
     frictions = basal_strength.frictions_under(releases, basal)
     spacing, particles_per_cell = numerics.spacing, numerics.particles_per_cell
@@ -98,6 +94,17 @@ def build_scene(
     particles = ReleaseParticles(there, own, surface, how, press=press, wet=wet, settle=settled_in(scene), launch=launch)
     scene, particles = hold_back(scene, particles, there, ground, waiting)
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _masses(release: Release | Sequence[Release], inflow: Any) -> tuple[list[Release], list[Release]]:
+    """The releases, and all masses of a scene: these and those of inflows at their lines; ReleaseError without any."""
+    from runout.release.inlet import mass_at
+
+    there = [release] if isinstance(release, Release) else list(release)
+    masses = [*there, *map(mass_at, inflows_of(inflow))]
+    if not masses:
+        raise ReleaseError("neither a release nor an inflow is given; at least one is needed")
+    return there, masses
 
 
 def _ground_dug(terrain: Terrain, spacing: tuple[float, float], mass: Any, dug: Sequence[np.ndarray]) -> NodalSurface:

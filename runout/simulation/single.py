@@ -3,7 +3,7 @@
 import logging
 import os
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 from runout.backends.protocol import get_backend
 from runout.forecast.accuracy import choices
@@ -24,7 +24,7 @@ from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.release.inlet import mass_at
 from runout.simulation.checkpoint import EVERY, checkpoint_for, run_key
-from runout.simulation.entering import Entering
+from runout.simulation.entering import Entering, Source
 from runout.simulation.erosion import eroding_bed
 from runout.simulation.inflow import record_of, sources_of
 from runout.simulation.result import Result
@@ -157,8 +157,7 @@ def simulate(
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
     require_starts(releases, end_time)
-    inflows = inflows_of(inflow)
-    masses = [*releases, *map(mass_at, inflows)]
+    inflows, masses = inflows_of(inflow), [*releases, *map(mass_at, inflows_of(inflow))]
     grid = choices(accuracy, masses, {"cell_size": cell_size, "cfl": cfl})
     numerics = Numerics(
         **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
@@ -175,12 +174,10 @@ def simulate(
         terrain, releases, material, basal_friction_angle, numerics, basal_friction=basal_friction, friction_zones=friction_zones,
         structures=named, inflow=inflows, bed=bed, accept=accept, in_chunks=True, waiting=waiting,
     )  # fmt: skip
-    said = [sentence for one in inflows for sentence in one.sentences(end_time, scene.spacing)]
-    for sentence in [*_statements(scene, [r.name for r in masses]), *said]:
-        LOGGER.warning("%s", sentence)
+    _warn(scene, [r.name for r in masses], inflows, end_time)
     eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
-    sources = sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)
-    entering = Entering([*waiting, *sources]) if waiting or sources else None
+    sources: list[Source] = [*waiting, *sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)]
+    entering = Entering(sources) if sources else None
     more = [part for part in (eroding, entering) if part]
     key = run_key(scene, particles, control, type(engine).__name__, more=more) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
@@ -188,7 +185,6 @@ def simulate(
     run.start(particles)
     del particles
     result = _computed(run, terrain, clock.perf_counter() - started)
-    result.start = {**result.start, **record_of(sources)}
     if keep:
         keep.remove()
     return result
@@ -200,6 +196,7 @@ def _computed(run: Run, terrain: Terrain, setup: float) -> Result:
     run.go()
     run.seconds += clock.perf_counter() - loaded
     result = run.result(terrain, run.n_particles, setup)
+    result.start = {**result.start, **record_of(run.entering.sources if run.entering else ())}
     for name in result.never_started:
         LOGGER.warning("release %s never started: the flow that it waits for did not arrive; its mass is never released", name)
     if result.depth_resolution.is_coarse:
@@ -207,8 +204,10 @@ def _computed(run: Run, terrain: Terrain, setup: float) -> Result:
     return result
 
 
-def _statements(scene: Scene, names: Sequence[str]) -> Iterator[str]:
-    """What a user should know of the releases, by their ``names``: friction that acts or does not, pore pressure that rises."""
-    yield from basal_strength.sentences(scene, names)
-    yield from basal_strength.unchanged(scene.friction, names, scene.friction_zones)
-    yield from doubts(scene.pore_pressure, scene.densities, names)
+def _warn(scene: Scene, names: Sequence[str], inflows: Sequence[Inflow], end_time: float) -> None:
+    """Log what a user should know of masses, by their ``names``: friction that acts or not, pore pressure that rises, what stays out."""
+    of_inflows = (sentence for one in inflows for sentence in one.sentences(end_time, scene.spacing))
+    unchanged = basal_strength.unchanged(scene.friction, names, scene.friction_zones)
+    doubted = doubts(scene.pore_pressure, scene.densities, names)
+    for sentence in (*basal_strength.sentences(scene, names), *unchanged, *doubted, *of_inflows):
+        LOGGER.warning("%s", sentence)
