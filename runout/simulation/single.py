@@ -205,7 +205,7 @@ def _computed(run: Run, terrain: Terrain, setup: float) -> Result:
 
 
 def _warn(scene: Scene, names: Sequence[str], inflows: Sequence[Inflow], end_time: float) -> None:
-    """Log what a user should know of masses, by their ``names``: friction that acts or not, pore pressure that rises, what stays out."""
+    """Log what a user should know of masses, by their ``names``: friction that acts or not, pore pressure, what stays out."""
     of_inflows = (sentence for one in inflows for sentence in one.sentences(end_time, scene.spacing))
     unchanged = basal_strength.unchanged(scene.friction, names, scene.friction_zones)
     doubted = doubts(scene.pore_pressure, scene.densities, names)
