@@ -80,8 +80,7 @@ def build_scene(
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     if accept:
         extent = expected_extent(releases, surface.surface, spacing, per_axis)
-        law = friction_law(numbers_of(f)[0] for f in friction)
-        accept(replace(extent, mixed=_mixed(frictions, strength), friction=law))
+        accept(replace(extent, mixed=_mixed(frictions, strength), friction=friction_law(numbers_of(f)[0] for f in friction)))
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, strength=strength,
         friction_zones=friction_zones, unknown=open_edge.unknown_cells(terrain), **numerics.scheme(),

@@ -121,8 +121,8 @@ def test_zones_of_another_law_are_refused():
         scene(plane(), friction=(WEAK,), friction_zones=angle)
     with pytest.raises(ConfigError, match="a zone replaces drag, and friction law velocity_weakening has static_friction"):
         scene(plane(), friction=(WEAK,), friction_zones=zones(drag=0.1))
-    with pytest.raises(ConfigError, match="must follow one law"):
-        scene(plane(), materials=(ROCK, ROCK), friction=(0.3, WEAK))
+    with pytest.raises(ConfigError, match="a zone replaces drag, and friction law coulomb has friction, and friction law velocity"):
+        scene(plane(), materials=(ROCK, ROCK), friction=(0.3, WEAK), friction_zones=zones(drag=0.1))
 
 
 def test_resistance_is_at_most_what_the_mass_passes_on():
