@@ -133,6 +133,19 @@ def test_a_release_starts_when_the_flow_of_another_arrives(backend):
     assert abs(of_energy) < 0.15
 
 
+def test_the_arrival_is_found_on_a_raster_finer_than_the_grid():
+    """Maps are kept on the lattice of the grid there."""
+    x = np.arange(100) + 0.5
+    fine = Terrain.from_array(np.tile(60.0 - SLOPE * x, (40, 1)), (1.0, 1.0))
+    upper, lower = (mass(name, columns, (12, 28), terrain=fine) for name, columns in (("upper", (8, 24)), ("lower", (32, 44))))
+    choices = {"terrain": fine, "cell_size": 4.0, "end_time": 5.0}
+    result = run([upper, replace(lower, starts_when=Arrival("upper"))], **choices)
+    alone = run(upper, **choices)
+    (started,) = result.start["late_source_start_time"]
+    expected = np.nanmin(alone.fields["arrival_time"][lower.thickness > 0])
+    assert abs(started - expected) < 0.6
+
+
 @EACH
 def test_mass_is_booked_to_rounding_in_single_precision(backend):
     """What enters is the mass of the particles as the backend has them; the skipped time before counts in no step."""
