@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.backends.protocol import bytes_on_host
+from runout.config.inflow import FACTOR
 from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births, with_inflow
@@ -247,9 +248,14 @@ def duration(seconds: float) -> str:
 
 def _largest(members: "Sequence[Member]") -> "Member":
     """Member with the median basal friction among those with the largest volume."""
-    largest = max(m.parameters.get("release_volume_factor", 1.0) for m in members)
-    among = [m for m in members if m.parameters.get("release_volume_factor", 1.0) == largest]
+    largest = max(map(_factor_of, members))
+    among = [m for m in members if _factor_of(m) == largest]
     return sorted(among, key=_friction_of)[len(among) // 2]
+
+
+def _factor_of(member: "Member") -> float:
+    """Sampled factor on the volume [1]: of the releases, times that on the discharge of the inflows."""
+    return member.parameters.get(VOLUME, 1.0) * member.parameters.get(FACTOR, 1.0)
 
 
 def _friction_of(member: "Member") -> list[float]:
@@ -283,7 +289,7 @@ def _count(site: "Site", member: "Member") -> int:
 def _work(site: "Site", members: "Sequence[Member]", reference: "Member", particles: int) -> tuple[np.ndarray, np.ndarray]:
     """Steps and particle-steps (members,) of members, whose reference has so many particles."""
     found = member_steps(site, members)
-    volumes = np.array([member.parameters.get(VOLUME, 1.0) for member in members]) / reference.parameters.get(VOLUME, 1.0)
+    volumes = np.array([_factor_of(member) for member in members]) / _factor_of(reference)
     steps = np.array([one.steps for one in found])
     return steps, particles * volumes * np.array([one.per_particle for one in found])
 

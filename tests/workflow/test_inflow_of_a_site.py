@@ -11,8 +11,10 @@ from ramp_site import NORTH, SITE, WEST, write_site
 
 import runout
 from runout import cli
+from runout.ensemble.member import plan_members
 from runout.errors import ConfigError, ExitCode, InputError
 from runout.workflow.check import inspect
+from runout.workflow.plan import particle_count
 
 X, Y = WEST + 90.0, NORTH - 120.0  # middle of the line, on the slope
 LINE = [[X, Y - 30.0], [X, Y + 30.0]]
@@ -170,3 +172,12 @@ def test_release_and_inflow_run_together(tmp_path):
     record = json.loads((folder / "results" / "run.json").read_text())
     assert [mass["name"] for mass in record["releases"]["masses"]] == ["slab"]
     assert [one["name"] for one in record["inflows"]] == ["gauge"]
+
+
+def test_the_member_with_the_largest_discharge_is_forecast(tmp_path):
+    """Particles of an inflow are counted with those of its largest factor on the discharge."""
+    stated = particle_count(runout.read_site(site_of(tmp_path / "stated", ALONE)))
+    sampled = runout.read_site(site_of(tmp_path / "sampled", ENSEMBLE))
+    factor = max(member.parameters["discharge_factor"] for member in plan_members(sampled))
+    assert stated == pytest.approx(VOLUME / 10.0**3 * 8, abs=1)
+    assert particle_count(sampled) == pytest.approx(factor * stated, abs=1)
