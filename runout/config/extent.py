@@ -219,7 +219,8 @@ def _least_effective(settings: "SiteSettings", releases: "list[Release]") -> lis
     from runout.config.bed import PORES, bed_ratio
     from runout.model.basal_strength import effective_shares
 
-    highest = {name: d.support()[1] for name, d in settings.ensemble.parameters.items() if name in (*SAMPLED, PORES)}
+    sampled, pores = settings.ensemble.parameters, (*SAMPLED, PORES)
+    highest = {name: d.support()[1] for name, d in sampled.items() if name.rpartition(OF_RELEASE)[2] in pores}
     return effective_shares(sampled_pores(releases, highest), bed_ratio(settings, highest))
 
 

@@ -24,14 +24,14 @@ def parameter_variable(name: str) -> Variable:
     ConfigError
         If there is none.
     """
+    if valid := release_start.own_range(name):
+        return Variable(udunits(valid.unit), release_start.words_of(name), dtype="float64")
     release, dot, parameter = name.partition(OF_RELEASE)
     if dot:  # of one release
         variable = parameter_variable(parameter)
         return replace(variable, long_name=f"release {release}, {variable.long_name}", standard_name=None)
     if name in VARIABLES:
         return VARIABLES[name]
-    if valid := release_start.own_range(name):
-        return Variable(udunits(valid.unit), release_start.words_of(name), dtype="float64")
     declared = {p.key: _variable(p, "") for law in LAWS.known() for p in law.parameters if p.sampled}
     declared |= {PREFIX + p.key: _variable(p, "basal friction, ") for law in FRICTIONS.known() for p in law.parameters if p.sampled}
     declared |= {ERODES + p.key: _variable(p, "erosion, ") for law in EROSIONS.known() for p in law.parameters if p.sampled}

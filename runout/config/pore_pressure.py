@@ -1,6 +1,6 @@
 """Pore pressure of releases: what site.yaml states, and what an ensemble samples of it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -9,6 +9,7 @@ from pydantic import Discriminator, Tag, model_validator
 
 from runout.config.distributions import Settings, limited, quantity, refuse, shape
 from runout.config.fetch import locate
+from runout.config.friction import OF_RELEASE, own_sample
 from runout.config.quantities import Text, within
 from runout.model.limits import LIMITS, Range
 from runout.model.parameters import Parameter
@@ -31,6 +32,11 @@ SAMPLED: dict[str, Range] = {
     **dict.fromkeys((f"{PREFIX}ratio", *(f"{PREFIX}ratio_{end}" for end in ENDS)), RATIO),
     **{PREFIX + name: LIMITS[name] for name in NUMBERS},
 }
+
+
+def own_ranges(names: Iterable[str]) -> dict[str, Range]:
+    """Range of each number that an ensemble may sample for one of the releases with these names, by its key."""
+    return {name + OF_RELEASE + parameter: valid for name in names for parameter, valid in SAMPLED.items()}
 
 
 def ratio_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -135,10 +141,12 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
 
 
 def sampled_pores(releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
-    """The releases or inflows with sampled numbers of pore pressure in the place of those that they state."""
-    if not any(name in sample for name in SAMPLED):
+    """The releases or inflows with sampled numbers of pore pressure, their own before those of all, in the place of the stated."""
+    if not any(name.rpartition(OF_RELEASE)[2] in SAMPLED for name in sample):
         return list(releases)
-    return [replace(r, pore_pressure=_with_sample(r.pore_pressure, sample)) if r.pore_pressure else r for r in releases]
+    own = [{**sample, **own_sample(sample, r.name)} for r in releases]
+    pores = [_with_sample(r.pore_pressure, s) if r.pore_pressure else None for r, s in zip(releases, own, strict=True)]
+    return [replace(r, pore_pressure=pore) if pore else r for r, pore in zip(releases, pores, strict=True)]
 
 
 def _with_sample(pore: "PorePressure", sample: Mapping[str, float]) -> "PorePressure":
@@ -166,6 +174,13 @@ def unused_samples(releases: Sequence[Mapping[str, Any]], sampled: Mapping[str, 
         if key in SAMPLED and not any(_states(pore, name) for pore in pores):
             where = f"ratio: {{{name.removeprefix('ratio_')}: ...}}" if name.startswith("ratio_") else f"{name}: a number"
             yield key, "the pore pressure of no release states it", f"remove it, or give a release {KEY}: {{{where}, ...}}"
+    named = {str(release.get("name", "release")): release.get(KEY) for release in releases}
+    for key in sampled:
+        release, _, parameter = key.partition(OF_RELEASE)
+        if release in named and parameter in SAMPLED:
+            pore, name = named[release], parameter.removeprefix(PREFIX)
+            if not isinstance(pore, dict) or not _states(pore, name):
+                yield key, f"the pore pressure of release {release} does not state it", f"remove it, or state it in {KEY}"
 
 
 def _states(pore: Mapping[str, Any], name: str) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from runout.config import material, release_start
+from runout.config import material, pore_pressure, release_start
 from runout.config.declared import sampled_in
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.friction import KEY as FRICTION
@@ -80,7 +80,7 @@ def own_ranges(laws: Mapping[str, Laws]) -> dict[str, Range]:
         ranges = sampled_in(of_material.parameters) if of_material else {}
         ranges |= friction_ranges(of_friction) if of_friction else {}
         found |= {name + OF_RELEASE + key: valid for key, valid in ranges.items()}
-    return found
+    return found | pore_pressure.own_ranges(laws)
 
 
 def unknown_own(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

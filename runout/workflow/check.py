@@ -387,7 +387,8 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     members = member_table(site.settings.ensemble)
     angle_of_site = _resting_angle(release, site, {})
     own = release.name + OF_RELEASE + PREFIX
-    sampled = [n for n in members if n in sampled_ranges(site.friction.law) or n in PORES or str(n).startswith(own)]
+    names, of_all = [str(name) for name in members], sampled_ranges(site.friction.law)
+    sampled = [n for n in names if n in of_all or n.rpartition(OF_RELEASE)[2] in PORES or n.startswith(own)]
     worst_angle = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=angle_of_site)
     largest = float(np.max(members.get("release_volume_factor", 1.0)))
     for factor, angle in dict.fromkeys([(1.0, angle_of_site), (largest, worst_angle)]):

@@ -427,3 +427,28 @@ def test_the_key_of_a_run_tells_starts_apart():
         scene, particles = build_scene(TERRAIN, releases, SOIL, 20.0, numerics, in_chunks=True, waiting=waiting)
         keys.add(run_key(scene, particles, more=[Entering(waiting)] if waiting else ()))
     assert len(keys) == 7
+
+
+@EACH
+def test_a_deposit_on_a_bed_is_taken_along_by_a_later_wet_release(backend):
+    """Erode, deposit, erode again: a slab erodes a bed and stops; a wet one behind it starts later. Mass closes to rounding."""
+    level = np.maximum(100.0 - SLOPE * X, 100.0 - SLOPE * X[20] - 0.1 * (X - X[20]))
+    terrain = Terrain.from_array(np.tile(level, (ROWS, 1)), (CELL, CELL))
+    bed = Bed(0.5, RammsErosion(rate=0.1, critical_stress=0.0, depth_per_stress=1e-4), pore_pressure_ratio=0.2)
+    first = mass("first", (8, 14), terrain=terrain, pore_pressure=PorePressure(ratio=0.0, decay_time=1.0))
+    second = mass(
+        "second", (4, 10), terrain=terrain, thickness=3.0, start_time=16.0, pore_pressure=PorePressure(ratio=0.8, decay_time=60.0)
+    )
+    choices = {"terrain": terrain, "bed": bed, "basal_friction_angle": 25.0, "end_time": 22.0}
+    both, alone = run([first, second], backend, **choices), run([first], backend, **choices)
+    series = both.series
+    whole = series["mass"] + series["escaped_mass"] - series["entered_mass"] - series["entrained_mass"]
+    assert np.abs(whole - whole[0]).max() <= 1e-12 * series["mass"].max()
+    before = series["time"] < 15.9
+    assert 0.0 < series["entrained_mass"][before][-1] < series["entrained_mass"][-1]
+    assert series["kinetic_energy"][before][-1] < 1e-2 * series["kinetic_energy"].max()  # the first is a deposit
+
+    def front(result):
+        return X[np.flatnonzero((np.nan_to_num(result.fields["deposit_thickness"]) > 0.2).any(axis=0)).max()]
+
+    assert front(both) > front(alone) + 2 * CELL

@@ -147,3 +147,33 @@ def test_an_ensemble_samples_the_start_of_each_release(edited):
 def test_samples_of_starts_that_are_not_there_are_refused(edited, first, second, sampled, message):
     (line,) = problems(with_starts(edited, first, second, sampled))
     assert message in line
+
+
+def test_an_ensemble_samples_the_pore_pressure_of_one_release_alone(edited):
+    """A number of one release goes before that of all; what a release does not state is refused with its key."""
+    wet = "pore_pressure: {ratio: 0.4, decay_time: 20}"
+    sampled = (
+        "pore_pressure_ratio: {distribution: uniform, low: 0.1, high: 0.3}\n"
+        "second.pore_pressure_ratio: {distribution: uniform, low: 0.5, high: 0.7}\n"
+        "second.pore_pressure_decay_time: {distribution: uniform, low: 5, high: 9}"
+    )
+    site = read_site(with_starts(edited, wet, wet, sampled))
+    sample = {"pore_pressure_ratio": 0.2, "second.pore_pressure_ratio": 0.6, "second.pore_pressure_decay_time": 7.0}
+    one, other = (release.pore_pressure for release in site.releases(sample=sample))
+    assert (one.ratio, one.decay_time, other.ratio, other.decay_time) == (0.2, 20.0, 0.6, 7.0)
+    variable = parameter_variable("second.pore_pressure_decay_time")
+    assert (variable.units, variable.long_name.partition(",")[0]) == ("s", "release second")
+
+
+@pytest.mark.parametrize(
+    ("second", "key", "said"),
+    [
+        ("", "second.pore_pressure_ratio", "the pore pressure of release second does not state it"),
+        ("pore_pressure: {ratio: 0.4, decay_time: 20}", "second.pore_pressure_diffusivity", "of release second does not state it"),
+        ("", "third.pore_pressure_ratio", "no release is called 'third'"),
+    ],
+)
+def test_a_sampled_pore_pressure_that_a_release_does_not_have_is_refused(edited, second, key, said):
+    folder = with_starts(edited, "", second, f"{key}: {{distribution: uniform, low: 0.1, high: 0.2}}")
+    (problem,) = problems(folder)
+    assert f"ensemble.parameters.{key}: {said}" in problem or (key in problem and said in problem)
