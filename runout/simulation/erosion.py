@@ -92,13 +92,20 @@ class ErodingBed:
         self.depth = AreaSums.of_raster(bed.depth_on(terrain, releases), scene)
         self.released = np.sum([r.thickness for r in releases], axis=0)  # (rows, columns) [m]
         self.first, shape = self.depth.nodes(scene.spacing)
+        self.shape = shape
         assert scene.ground is not None
         self.ground: NodalSurface = scene.ground.with_room(self.first, shape)
         self.scene = replace(scene, surface=self.ground)
-        self.slopes = GroundSlopes(self.ground, self.first, shape)
+        self.ground_at_start = self.ground.change.copy()
         self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
         self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
+        self._begin_anew(shape)
+
+    def _begin_anew(self, shape: tuple[int, int]) -> None:
+        """Nothing is eroded yet on a window of nodes with a ``shape``."""
+        self.ground.restore(self.ground_at_start)
+        self.slopes = GroundSlopes(self.ground, self.first, shape)
         self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.releases = np.zeros(shape, np.int32)  # that owns most of each column
         self.changed = NOTHING.copy()  # first nodes and ends of the part that was eroded since
@@ -121,7 +128,8 @@ class ErodingBed:
         return [self.depth.total, np.frombuffer((self.law.name + self.law.source).encode(), np.uint8), np.array(numbers)]
 
     def begin(self, particles: ParticleSource) -> None:
-        """Note how many particles there are at the start, and where those of several releases lie."""
+        """Note how many particles there are, and where those of several releases lie; what was eroded is there again."""
+        self._begin_anew(self.shape)
         self.particles = len(particles)
         count = len(self.scene.materials)
         if count > 1 and self.particles:
@@ -316,7 +324,9 @@ class ErodingBed:
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""
-        return arrays_of(self, ("volume", "radius", "particles", "there")) | arrays_of(self.booked, (), "booked.")
+        return arrays_of(self, ("volume", "radius", "particles", "there", "ground_at_start")) | arrays_of(
+            self.booked, (), "booked."
+        )
 
     def restore(self, state: State) -> None:
         """Continue from :meth:`state`; the ground is lowered as it was."""

@@ -84,6 +84,30 @@ def test_scenarios_with_a_bed_share_launches():
             assert len(found[number].state) == len(alone.state) > found[number].n_particles
 
 
+def test_a_launch_with_a_bed_that_is_divided_for_memory_begins_anew(monkeypatch):
+    """Memory ends when the bed is already lowered: the runs of the second launch find it whole."""
+    bed = Bed(1.0, RammsErosion(rate=1.0, critical_stress=0.0))
+    scenarios = [scenario(end_time=0.8, bed=bed), scenario(8.0, 0.6, bed=bed)]
+    expected = dict(simulate_batch(scenarios, device=HASH_DEVICE))
+    launch, launches = _Together.outcomes, []
+
+    def until_memory_ends(together):
+        launches.append(len(together.jobs))
+        outcomes = list(launch(together))
+        if len(launches) == 1:
+            raise CapacityError("cpu has no memory left")
+        yield from outcomes
+
+    monkeypatch.setattr(_Together, "outcomes", until_memory_ends)
+    found = dict(simulate_batch(scenarios, device=HASH_DEVICE))
+    assert launches == [2, 1, 1]
+    for number, result in expected.items():
+        assert result.series["entrained_mass"][-1] > 0.0
+        assert found[number].series["entrained_mass"][-1] == pytest.approx(result.series["entrained_mass"][-1], rel=1e-12)
+        for name, values in result.fields.items():
+            np.testing.assert_allclose(found[number].fields[name], values, rtol=1e-6, atol=1e-6, err_msg=name)
+
+
 def test_a_flow_that_speeds_up_between_the_stops_of_another_ends_as_in_its_own_run():
     """The other stops more often. The first goes on with a step that was admissible when it was chosen, at a lower speed."""
     soft = scenario(0.0, 60.0, stop=True, material=DruckerPrager(density=2000.0, youngs_modulus=4e5, friction_angle=30.0))
