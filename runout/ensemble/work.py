@@ -44,8 +44,10 @@ class Work:
     @property
     def together(self) -> bool:
         """Whether the members of a group share kernel launches (backend hash); those with an inflow run alone."""
+        if self.simulate is not None:
+            return False
         hashed = self.device.startswith("cuda") or self.site.settings.simulation.backend == "hash"
-        return self.simulate is None and hashed and not self.site.settings.inflow
+        return hashed and not self.site.settings.inflow
 
     def task(self, share: Share) -> Task:
         """What a worker of a share does with a group."""

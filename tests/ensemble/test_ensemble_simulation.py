@@ -36,7 +36,7 @@ class SlopeSite:
     def settings(self):
         parameters = {"basal_friction_angle_deg": ANGLES, "density": DENSITY}
         ensemble = SimpleNamespace(members=4, seed=1, parameters=parameters)
-        return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device="cpu", backend=self.backend), bed=None)
+        return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device="cpu", backend=self.backend), inflow=None)
 
     def inputs(self):
         return []
