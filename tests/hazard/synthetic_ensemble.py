@@ -101,6 +101,7 @@ class FakeSite:
             ),
             ensemble=SimpleNamespace(seed=7),
             simulation=SimpleNamespace(device="cpu"),
+            inflow=None,
         )
     )
 
@@ -123,6 +124,7 @@ class FakeSite:
             probes=lambda: None,
             obstacles=lambda: [dam],
             observations=lambda: Reading(None),
+            inflows=lambda: Reading([]),
             paths=lambda *_: [self.folder / "inputs" / "dem.tif"],
             known=SimpleNamespace(sha256=sha256),
         )
