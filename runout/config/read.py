@@ -140,12 +140,17 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         yield document.problem(("structures", i, "file"), f"structures[{first}] states the same bodies", "remove one of the two")
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
+    yield from _contradictions_of_the_site(document, sampled, [*releases, *inflows])
+
+
+def _contradictions_of_the_site(document: Document, sampled: dict[str, Any], masses: list[dict[str, Any]]) -> Iterator[Problem]:
+    """Problems of settings that concern all masses, the bed, or what the ensemble samples."""
     yield from _problems(document, (), friction_conflicts(_stated(document.values)))
     yield from _problems(document, (), mass_conflicts(_stated(document.values)))
     yield from _problems(document, (bed.BED,), bed.bed_conflicts(_stated(document.value((bed.BED,)))))
     if not document.value((bed.BED,)):
         yield from _problems(document, ("hazard",), without_a_bed(_stated(document.value(("hazard",)))))
-    yield from _problems(document, ("ensemble", "parameters"), unused_samples([*releases, *inflows], sampled))
+    yield from _problems(document, ("ensemble", "parameters"), unused_samples(masses, sampled))
     yield from _problems(document, ("ensemble", "parameters"), inflow.foreign_parameters(document.values, sampled))
     yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))
     yield from _problems(document, ("ensemble", "parameters"), release_start.foreign_parameters(document.values, sampled))

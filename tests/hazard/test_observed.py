@@ -42,7 +42,9 @@ def release(placement=Placement.ON_SURFACE):
 
 
 def scored_with(tmp_path, observed, factors=None, releases=None):
-    site = replace(FakeSite(tmp_path), settings=SimpleNamespace(hazard=SimpleNamespace(thickness_thresholds=[0.1, 2.5])))
+    site = replace(
+        FakeSite(tmp_path), settings=SimpleNamespace(hazard=SimpleNamespace(thickness_thresholds=[0.1, 2.5]), inflow=None)
+    )
     return scored(observed, site, ensemble_in(tmp_path, factors), TERRAIN, releases or [release()], tmp_path)
 
 
