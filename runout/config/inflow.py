@@ -14,10 +14,10 @@ from runout.config.distributions import Settings, limited, plausible_degrees, qu
 from runout.config.document import Document, read_document
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, OwnFriction
+from runout.config.material import DEFAULT_LAW, INFLOW_SAMPLED, OwnMaterial
 from runout.config.pore_pressure import PorePressureSettings
 from runout.config.stated_at import Reading, read_each, stated_at, within_site
 from runout.errors import ConfigError
-from runout.model.limits import LIMITS, Range
 
 if TYPE_CHECKING:
     from runout.config.schema import SiteSettings
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 INFLOW = "inflow"
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 FACTOR, DELAY = "discharge_factor", "inflow_delay"
-SAMPLED: dict[str, Range] = {name: LIMITS[name] for name in (FACTOR, DELAY)}
 Degrees = Annotated[float, AfterValidator(plausible_degrees)]
 
 
@@ -69,7 +68,14 @@ class InflowSettings(Settings):
         "basal_friction_angle", "friction angle under this mass only", None, examples=[15.0]
     )
     basal_friction: OwnFriction | None = quantity(
-        "parameters of the law of friction under this mass only", None, examples=[{"friction_angle_deg": 15.0}]
+        "friction under this mass only: some parameters of the law of the site, or a law of its own with all of its parameters",
+        None,
+        examples=[{"friction_angle_deg": 15.0}],
+    )
+    material: OwnMaterial | None = quantity(
+        "material of this mass only: some parameters of the law of the site, or a law of its own with all of its parameters",
+        None,
+        examples=[{"law": DEFAULT_LAW, "friction_angle_deg": 28.0}],
     )
     pore_pressure: PorePressureSettings | None = quantity(
         "pore pressure of this mass when it enters: ratio, saturation, and diffusivity or decay_time",
@@ -97,7 +103,7 @@ def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[
     """Sampled parameters of inflows where a site.yaml has none: key, message and remedy."""
     if isinstance(site, dict) and not site.get(INFLOW):
         for key in sampled:
-            if key in SAMPLED:
+            if key in INFLOW_SAMPLED:
                 yield key, "the site has no inflow", "remove it, or add inflow: [{line: ..., hydrograph: ...}]"
 
 

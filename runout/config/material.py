@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, ValidationInfo, create_model
+from pydantic import AfterValidator, BeforeValidator, SerializeAsAny, ValidationInfo, create_model
 
-from runout.config import bed, inflow, pore_pressure, release_start
+from runout.config import bed, pore_pressure, release_start
 from runout.config import friction as basal
 from runout.config.declared import sampled_in
 from runout.config.distributions import Distribution, Settings, within_range
@@ -18,7 +18,8 @@ from runout.model.limits import LIMITS, Range
 from runout.model.materials import Material
 
 DEFAULT_LAW = "drucker_prager"
-OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED | inflow.SAMPLED
+INFLOW_SAMPLED: dict[str, Range] = {name: LIMITS[name] for name in ("discharge_factor", "inflow_delay")}
+OF_THE_RUN = {name: LIMITS[name] for name in ("release_volume_factor", "bulking")} | pore_pressure.SAMPLED | INFLOW_SAMPLED
 
 
 class MaterialSettings(LawSettings):
@@ -50,8 +51,11 @@ def sampled_ranges(
 
 
 def own_material(block: Any, info: ValidationInfo) -> Any:
-    """Check of the material of a release: :meth:`LawBlock.own_settings`; the context may hold the ``law`` of the site."""
+    """Check of the material of a release or inflow: :meth:`LawBlock.own_settings`; the context may hold the ``law`` of the site."""
     return BLOCK.own_settings(block, (info.context or {}).get("law"))
+
+
+OwnMaterial = Annotated[SerializeAsAny[MaterialSettings] | dict[str, float | bool | str], BeforeValidator(own_material)]
 
 
 @cache

@@ -16,7 +16,7 @@ from runout.config.inflow import InflowSettings
 from runout.config.material import (
     DEFAULT_LAW,
     MaterialSettings,
-    own_material,
+    OwnMaterial,
     sampled_parameters,
     sampled_ranges,
     validated_material,
@@ -50,7 +50,6 @@ LONGEST_TEXT = 500  # characters of a text of the metadata
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
-OwnMaterial = Annotated[SerializeAsAny[MaterialSettings] | dict[str, float | bool | str], BeforeValidator(own_material)]
 ZoneFriction = Annotated[dict[str, float | str], BeforeValidator(own_friction(attributes=True))]
 
 

@@ -20,7 +20,6 @@ from runout.model.terrain import Terrain
 from runout.release import stagger
 
 GOLDEN = 0.6180339887498949  # step of a sequence of low discrepancy on a line
-PLASTIC = 0.7548776662466927, 0.5698402909980532  # and in the plane (Roberts 2018)
 THIN = 0.5  # layers of particles; thinner planes give single particles
 SHARE_AT_ONCE = 0.25  # layers by which a polygon rises between two births
 
@@ -160,7 +159,7 @@ def places_in(polygon: Any, count: int) -> np.ndarray:
     shapely.prepare(polygon)
     found, number, size = np.zeros((0, 2)), 0, max(64, 2 * count)
     while len(found) < count:
-        q = (0.5 + np.outer(number + 1 + np.arange(size), PLASTIC)) % 1.0
+        q = (0.5 + np.outer(number + 1 + np.arange(size), stagger.PLASTIC)) % 1.0
         places = np.array([west, south]) + q * np.array([east - west, north - south])
         found, number = np.concatenate([found, places[shapely.contains_xy(polygon, *places.T)]]), number + size
     return found[:count]

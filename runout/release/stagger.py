@@ -5,6 +5,7 @@ import numpy as np
 ORDER = np.array([[0, 2], [3, 1]])  # levels of neighbours differ as much as possible
 LEVELS = ORDER.size
 CLOSE = 1e-9  # round-off as a share of a layer
+PLASTIC = 0.7548776662466927, 0.5698402909980532  # steps of a sequence of low discrepancy in the plane (Roberts 2018)
 
 
 def shares(index: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED
 from runout.release import stagger
 from runout.simulation.bed_share import DepositMass
-from runout.simulation.plan_nodes import PLASTIC, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundSlopes, births, rounding_of
+from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundSlopes, births, rounding_of
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
@@ -260,7 +260,7 @@ class ErodingBed:
         x, y = (
             np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
             for index, step, h, cells, size in zip(
-                (i, j), PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
+                (i, j), stagger.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
             )
         )
         z, east, north = self.ground.evaluate(x, y)

@@ -68,6 +68,20 @@ bed:
     critical_stress: 1000
     depth_per_stress: 1.0e-4
 bulking: 0.9
+inflow:
+  - name: gauge
+    line: inputs/gauge.geojson
+    hydrograph: inputs/q.csv
+    thickness: 1.0
+    material:
+      friction_angle_deg: 28
+    basal_friction: {law: voellmy, mu: 0.1, xi: 500}
+    pore_pressure:
+      ratio: 0.4
+      decay_time: 10
+  - name: spring
+    polygon: inputs/house.geojson
+    hydrograph: inputs/v.csv
 probes:
   points: inputs/points.geojson
   cross_sections: inputs/line.geojson
@@ -106,6 +120,14 @@ WET = {  # lines of a site with all blocks, in the place of lines of SITE
         high: 0.6
         block: 20
       diffusivity: 1.0e-3
+    start_time: 1.0
+    velocity: {speed: 2.0, azimuth_deg: 90}
+    material:
+      law: herschel_bulkley
+      density: 1800
+      yield_stress: 500
+      consistency: 100
+    basal_friction: {law: voellmy, mu: 0.1, xi: 500}
 """,
     "  parameters:\n": """\
   parameters:
@@ -116,6 +138,13 @@ WET = {  # lines of a site with all blocks, in the place of lines of SITE
     bed_depth_factor: {distribution: uniform, low: 0.5, high: 2}
     bed_pore_pressure_ratio: {distribution: uniform, low: 0.3, high: 0.6}
     bulking: {distribution: uniform, low: 0.8, high: 1}
+    discharge_factor: {distribution: uniform, low: 0.5, high: 2}
+    inflow_delay: {distribution: uniform, low: 0, high: 1}
+    pile.start_time: {distribution: uniform, low: 0, high: 1}
+    pile.start_speed: {distribution: uniform, low: 0, high: 3}
+    pile.basal_mu: {distribution: uniform, low: 0.1, high: 0.2}
+    pile.yield_stress: {distribution: uniform, low: 400, high: 600}
+    scar.pore_pressure_decay_time: {distribution: uniform, low: 4, high: 6}
 """,
     "hazard: {thickness_thresholds: [0.1, 1], percentiles: [50]}\n": """\
 hazard:
@@ -200,6 +229,7 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
         "house": [{"type": "Polygon", "coordinates": [square(110, 70, 20)]}],
         "points": [{"type": "Point", "coordinates": [WEST + x, SOUTH + 60]} for x in (50, 90)],
         "line": [line],
+        "gauge": [{"type": "LineString", "coordinates": [[WEST + 60, SOUTH + 30], [WEST + 60, SOUTH + 90]]}],
     }
     for name, geometries in shapes.items():
         content = features([])
@@ -208,6 +238,26 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
             for k, one in enumerate(geometries)
         ]
         (inputs / f"{name}.geojson").write_text(json.dumps(content), encoding="utf-8")
+    (inputs / "q.csv").write_text("time,discharge\n0,0\n1,20\n3,0\n", encoding="utf-8")
+    (inputs / "v.csv").write_text("time,discharge,velocity\n0,0,1\n1,20,2\n3,0,1\n", encoding="utf-8")
+
+
+def odd_hydrograph(folder: Path, random: Random) -> None:
+    """A hydrograph with odd numbers, columns or bytes."""
+    path = folder / "inputs" / random.choice(["q.csv", "v.csv"])
+    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
+    kind = random.choice(["number", "number", "number", "order", "column", "mark", "rows", "bytes"])
+    if kind == "number":
+        rows[random.randrange(1, len(rows))][random.randrange(len(rows[0]))] = scalar(random)
+    elif kind == "order":
+        random.shuffle(rows)
+    elif kind == "column":
+        rows[0][random.randrange(len(rows[0]))] = random.choice(["", "time", "Time [s]", "q", "velocity", "discharge"])
+    elif kind == "rows":
+        rows = rows[: random.randrange(3)]
+    text = random.choice([";", "\t", " ", ""]) if kind == "mark" else ","
+    content = "\n".join(text.join(row) for row in rows).encode("utf-8", errors="surrogatepass")
+    path.write_bytes(mutated(content, random) if kind == "bytes" else content)
 
 
 def odd_yaml(folder: Path, random: Random) -> None:
@@ -254,6 +304,8 @@ INSERTED = (
     "pore_pressure", "ratio", "saturation", "diffusivity", "decay_time", "pore_pressure_ratio", "pore_pressure_ratio_high",
     "low", "high", "block", "elsewhere", "polygons", "bed", "depth", "erosion", "bulking", "most", "growth_rate", "specific_energy",
     "bed_density", "erosion_most", "eroded_depth_thresholds", "net_deposition_thresholds", "joint",
+    "inflow", "line", "polygon", "hydrograph", "discharge_factor", "inflow_delay", "start_time", "velocity", "speed", "azimuth_deg",
+    "starts_when", "arrives", "scar.start_time", "pile.basal_mu", "spring.start_time",
 )  # fmt: skip
 
 
@@ -366,7 +418,7 @@ def odd_ring(random: Random) -> Any:
 
 def odd_vector(folder: Path, random: Random) -> None:
     """The release, the dam or the zones in an odd form."""
-    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line", "wet"])
+    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line", "wet", "gauge"])
     path = folder / "inputs" / f"{name}.geojson"
     kind = random.choice(["rings"] * 4 + ["members"] * 3 + ["bytes", "format", "format", "crowd"])
     if kind == "rings":
@@ -439,11 +491,12 @@ KINDS: dict[str, Callable[[Path, Random], None]] = {
     "yaml": odd_yaml,
     "raster": odd_raster,
     "vector": odd_vector,
+    "hydrograph": odd_hydrograph,
     "huge": huge,
     "extent": odd_extent,
     "hdf5": odd_hdf5,
 }
-OFTEN = ["yaml", "raster", "vector"] * 4 + ["huge", "extent", "hdf5"]
+OFTEN = ["yaml", "raster", "vector"] * 4 + ["hydrograph", "huge", "extent", "hdf5"]
 
 
 def write_odd_site(folder: Path, seed: int) -> str:

@@ -18,6 +18,7 @@ from ruamel.yaml import YAML
 
 from runout import cli
 from runout.config.bed import BedSettings
+from runout.config.inflow import InflowSettings
 from runout.config.pore_pressure import PorePressureSettings, RatioSettings
 from runout.config.schema import SiteSettings
 from runout.workflow.check import inspect
@@ -44,6 +45,8 @@ def test_the_site_that_is_made_odd_has_every_block_and_every_command_is_called()
     pores = [release["pore_pressure"] for release in stated["release"]]
     assert set(PorePressureSettings.model_fields) == {key for pore in pores for key in pore}
     assert set(RatioSettings.model_fields) - {key for pore in pores for key in pore["ratio"]} == {"layer"}
+    inflows = {key for one in stated["inflow"] for key in one}
+    assert set(InflowSettings.model_fields) - inflows == {"layer", "basal_friction_angle_deg"}  # in place of the law
     called = {odd_call(Random(seed))[0] for seed in range(1000)}
     assert {command.__name__.replace("_", "-") for command in cli.COMMANDS} <= called
 

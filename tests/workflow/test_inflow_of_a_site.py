@@ -69,6 +69,23 @@ def test_own_friction_and_pore_pressure_count(tmp_path):
     assert mass.pore_pressure.ratio == 0.5
 
 
+def test_own_material_is_that_of_the_entered_mass(tmp_path):
+    """Some parameters of the law of the site, or a law of its own; the ensemble samples one of it alone."""
+    own = "    thickness: 6\n    material: {density: 1500}\n"
+    site = runout.read_site(site_of(tmp_path / "some", ALONE.replace("    thickness: 6\n", own)))
+    (one,) = site.member_arguments({"gauge.density": 1600.0})["inflow"]
+    assert (site.inflows()[0].material.density, one.material.density) == (1500.0, 1600.0)
+    assert one.material.friction_angle == site.material().friction_angle
+    own = own.replace("{density: 1500}", "{law: herschel_bulkley, density: 1800, yield_stress: 500, consistency: 100}")
+    folder = site_of(tmp_path / "law", WITH_RELEASE.replace("    thickness: 6\n", own))
+    site = runout.read_site(folder)
+    assert [m.density for m in site.materials(site.masses())] == [site.material().density, 1800.0]
+    assert inspect(folder).problems == []
+    result = runout.simulate(**site.member_arguments() | {"end_time": 5.0})
+    entered = result.ledger["entered_mass"].values[-1]
+    assert entered == pytest.approx(1800.0 * site.inflows()[0].hydrograph.entered.at(5.0), rel=0.05)
+
+
 def test_a_polygon_and_velocities_are_read(tmp_path):
     text = ALONE.replace("line: inputs", "polygon: inputs").replace("    thickness: 6\n", "")
     site = runout.read_site(site_of(tmp_path / "polygon", text, line=[SQUARE], kind="Polygon"))

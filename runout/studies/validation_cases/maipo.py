@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 
 import runout
+from runout.io.polygons import read_frame
+from runout.model.probes import ground_at
 from runout.scores import Grid, Thalweg, contingency
+from runout.scores.outline import outline_shares
 from runout.slopes.drainage import drainage
 from runout.studies.validation_cases.case import data_folder, on_all_processors
 
@@ -103,7 +106,7 @@ class Event:
         import shapely
 
         disc = shapely.Point(flow.source).buffer(float(np.sqrt(choice.volume / THICKNESS / np.pi)))
-        share = _covered(disc, self.terrain)
+        share = outline_shares(disc, Grid.of(self.terrain))
         wet, law = None, runout.Coulomb(friction_angle=INNER_FRICTION)
         if choice.family == "voellmy":
             law = runout.Voellmy(mu=choice.numbers[0], xi=choice.numbers[1])
@@ -117,34 +120,20 @@ class Event:
 
 def read() -> Event:
     """Terrain, sources, outlines and paths, from RUNOUT_DATA."""
-    import geopandas
-
     folder = data_folder("maipo_debrisflow_runoptGPP", SOURCE)
     terrain = runout.Terrain.from_raster(folder / "elev_12_5m.tif")
-    outlines = geopandas.read_file(folder / "dflow_runout_ply.shp").geometry
+    grid = Grid.of(terrain)
+    outlines = read_frame(folder / "dflow_runout_ply.shp", None, "outline")[0].geometry
+    sources = read_frame(folder / "dflow_source_pnt.shp", None, "source")[0].geometry
     receiver = drainage(terrain).receiver.ravel()
     flows = []
-    for point in geopandas.read_file(folder / "dflow_source_pnt.shp").geometry:
+    for point in sources:
         outline = outlines[int(outlines.distance(point).argmin())]
-        covered = _covered(outline, terrain)
+        covered = outline_shares(outline, grid)
         reached, path = covered >= 0.5, _path(terrain, receiver, covered > 0.0, (point.x, point.y))
-        length, profile = _length(terrain, path, reached), np.column_stack([path.vertex_s, _elevations(terrain, path.points)])
+        length, profile = _length(terrain, path, reached), np.column_stack([path.vertex_s, ground_at(terrain, path.points)])
         flows.append(Flow((point.x, point.y), outline, path, reached, length, profile))
     return Event(terrain, tuple(flows))
-
-
-def _covered(shape: Any, terrain: runout.Terrain) -> np.ndarray:
-    """Share (rows, columns) [1] of each cell that a polygon covers."""
-    import shapely
-
-    (dx, dy), shares = terrain.cell_size, np.zeros(terrain.shape)
-    west, south, east, north = shape.bounds
-    columns = np.flatnonzero((terrain.easting > west - dx) & (terrain.easting < east + dx))
-    rows = np.flatnonzero((terrain.northing > south - dy) & (terrain.northing < north + dy))
-    x, y = np.meshgrid(terrain.easting[columns], terrain.northing[rows])
-    cells = shapely.box(x - dx / 2, y - dy / 2, x + dx / 2, y + dy / 2)
-    shares[np.ix_(rows, columns)] = shapely.area(shapely.intersection(cells, shape)) / (dx * dy)
-    return shares
 
 
 def _path(terrain: runout.Terrain, receiver: np.ndarray, inside: np.ndarray, source: tuple[float, float]) -> Thalweg:
@@ -162,13 +151,6 @@ def _path(terrain: runout.Terrain, receiver: np.ndarray, inside: np.ndarray, sou
         cell = int(within[cell])
     rows, columns = np.unravel_index(cells, terrain.shape)
     return Thalweg(np.column_stack([terrain.easting[columns], terrain.northing[rows]]))
-
-
-def _elevations(terrain: runout.Terrain, points: np.ndarray) -> np.ndarray:
-    """Elevations (n,) [m] of the cells at points (n, 2) [m]."""
-    column = np.abs(terrain.easting[None, :] - points[:, :1]).argmin(axis=1)
-    row = np.abs(terrain.northing[None, :] - points[:, 1:]).argmin(axis=1)
-    return np.asarray(terrain.elevation[row, column], np.float64)
 
 
 def _length(terrain: runout.Terrain, path: Thalweg, reached: np.ndarray) -> float:
