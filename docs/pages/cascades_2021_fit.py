@@ -41,8 +41,7 @@ FULL = """{halves}
 {heading}- **{verdict}**
 - The mean of the {several} best members is no better guess than the best alone by more than a quarter: what one half of the reaches
   tells about the parameters, it tells little about the places of the deposits in the other half.
-- **The automaton is the better fit here**: it stops where the channel is flat, and mass stays behind all along its way. A flow of
-  one law and one velocity leaves its deposit in fewer places.
+- **The automaton is the better fit here.** Why was not examined.
 
 ## The spread of the members
 
