@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -29,8 +29,35 @@ AND = "_and_"  # between the names of laws in that of a mixture
 AnyLaw = TypeVar("AnyLaw", Law, FrictionLaw)
 
 
+class Mixture(Generic[AnyLaw]):
+    """What mixtures of laws of the material and of friction have in common."""
+
+    parts: tuple[AnyLaw, ...]
+
+    @property
+    def laws(self) -> tuple[AnyLaw, ...]:
+        """The laws; the place of one is its number in records."""
+        return self.parts
+
+    @cached_property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the numbers of a record: those of all laws, each once, and the number of the law."""
+        return (*dict.fromkeys(name for law in self.parts for name in law.fields), NUMBER)
+
+    @property
+    def is_of_runout(self) -> bool:
+        """Whether all laws belong to runout."""
+        return all(law.is_of_runout for law in self.parts)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Checksum of those of the laws, and of how they are bound together."""
+        own = Path(__file__).read_bytes()
+        return hashlib.sha256(" ".join(law.fingerprint for law in self.parts).encode() + own).hexdigest()[:16]
+
+
 @dataclass(frozen=True)
-class LawMixture(Law):
+class LawMixture(Mixture[Law], Law):
     """Laws of the material that masses of one run follow.
 
     Attributes
@@ -40,16 +67,6 @@ class LawMixture(Law):
     """
 
     parts: tuple[Law, ...] = ()
-
-    @property
-    def laws(self) -> tuple[Law, ...]:
-        """The laws; the place of one is its number in records."""
-        return self.parts
-
-    @cached_property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the numbers of a record: those of all laws, each once, and the number of the law."""
-        return _fields(self.parts)
 
     def table(self, materials: tuple[Material, ...], dtype: Any = float, cell_size: float = 1.0) -> np.ndarray:
         """Structured array (materials,) of the records, for cells of ``cell_size`` [m]; 0 where a law has no such number."""
@@ -79,19 +96,9 @@ class LawMixture(Law):
         """Whether any law does; then all records hold the time step."""
         return any(law.depends_on_rate for law in self.parts)
 
-    @property
-    def is_of_runout(self) -> bool:
-        """Whether all laws belong to runout."""
-        return all(law.is_of_runout for law in self.parts)
-
-    @cached_property
-    def fingerprint(self) -> str:
-        """Checksum of those of the laws."""
-        return _fingerprint(self.parts)
-
 
 @dataclass(frozen=True)
-class FrictionMixture(FrictionLaw):
+class FrictionMixture(Mixture[FrictionLaw], FrictionLaw):
     """Laws of basal friction that masses of one run follow.
 
     Ground areas and drag on columns are computed if any law needs them; each law takes what it would take alone.
@@ -103,16 +110,6 @@ class FrictionMixture(FrictionLaw):
     """
 
     parts: tuple[FrictionLaw, ...] = ()
-
-    @property
-    def laws(self) -> tuple[FrictionLaw, ...]:
-        """The laws; the place of one is its number in records."""
-        return self.parts
-
-    @cached_property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the numbers of a record: those of all laws, each once, and the number of the law."""
-        return _fields(self.parts)
 
     @property
     def uses_area(self) -> bool:
@@ -162,16 +159,6 @@ class FrictionMixture(FrictionLaw):
         """Resistance by record where that slows whole columns; none for a law whose drag acts at the base."""
         of_laws: list[Any] = [law.resistance if law.drags_column else contact.law_resistance for law in self.parts]
         return _resistance_by_record(of_laws, "on_column")
-
-    @property
-    def is_of_runout(self) -> bool:
-        """Whether all laws belong to runout."""
-        return all(law.is_of_runout for law in self.parts)
-
-    @cached_property
-    def fingerprint(self) -> str:
-        """Checksum of those of the laws."""
-        return _fingerprint(self.parts)
 
 
 def material_law(laws: Iterable[Law]) -> Law:
@@ -231,18 +218,8 @@ def _ordered(laws: Iterable[AnyLaw]) -> tuple[AnyLaw, ...]:
     return tuple(sorted({law.name: law for law in laws}.values(), key=lambda law: law.name))
 
 
-def _fields(laws: Sequence[RegisteredLaw[Any]]) -> tuple[str, ...]:
-    return (*dict.fromkeys(name for law in laws for name in law.fields), NUMBER)  # type: ignore[attr-defined]
-
-
 def _name(laws: Sequence[RegisteredLaw[Any]]) -> str:
     return AND.join(law.name for law in laws)
-
-
-def _fingerprint(laws: Sequence[RegisteredLaw[Any]]) -> str:
-    """Checksum of those of laws, and of how they are bound together."""
-    own = Path(__file__).read_bytes()
-    return hashlib.sha256(" ".join(law.fingerprint for law in laws).encode() + own).hexdigest()[:16]
 
 
 def _require_numbered(laws: Sequence[RegisteredLaw[Any]], error: type[InputError]) -> None:
