@@ -132,7 +132,7 @@ def test_a_second_law_compiles_the_kernels_that_hold_it():
     anew = {
         name for name in called if second[name].stats.cache_path != first[name].stats.cache_path or len(second[name].signatures) > 1
     }
-    assert anew == {"grid_to_particles", "substep", "last_to_particles"}
+    assert anew == {"grid_to_particles", "substep"}
 
 
 @pytest.mark.parametrize(("broken", "said"), [("warm_up", "compiling in a process of its own failed"), ("warm_up_ahead", "one of")])

@@ -49,7 +49,7 @@ MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
 TILE_NODES = 6  # along each side of the ground under a block
 PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload", "pack"  # the longest to compile come first
-OF_SUBSTEPS = "substep", "last_to_particles"  # parts of scenes with several substeps, which take longer still
+OF_SUBSTEPS = ("substep",)  # part of scenes with several substeps, which takes longer still
 
 
 def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":
@@ -257,8 +257,6 @@ class ScanBackend:
                 self._to_particles(dt)
             case "substep":
                 self._substep(first=True, last=True)
-            case "last_to_particles":
-                self._to_particles(dt, 2)
             case "contacts":
                 self.totals.contact_particles = 1
                 self._solve_contacts()
@@ -339,11 +337,10 @@ class ScanBackend:
 
     def _to_particles(self, dt: float, substeps: int = 1) -> None:
         b, w, t = self.index.blocks, self.workspace, self.tables
-        last = self.k.grid_to_particles if substeps == 1 else self.k.last_to_particles
         columns = w.columns if self.scene.basal.law.drags_column else ()
-        speed2, step, lost, refused, self.totals.moved = last(
+        speed2, step, lost, refused, self.totals.moved = self.k.grid_to_particles(
             self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, columns, w.moves,
-            t.domain, grid.wet_step(self.store, t, w), self.workers.buffers,
+            t.domain, grid.wet_step(self.store, t, w), self.workers.buffers, substeps == 1,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(

@@ -56,6 +56,7 @@ from runout.backends.scan.tile import (
     SUMS,
     TILE,
     _about_particles,
+    _clear_sums,
     _load_sums,
     _load_tile,
     _moments,
@@ -78,7 +79,7 @@ STAYS = 13  # move code of a particle that stays in its cell
 HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
 ONE_MATERIAL = True
-SEVERAL = False  # whether the transfer has several substeps (substep.py)
+SEVERAL = False  # whether transfers may have several substeps (substep.py)
 LASTS = False  # whether it goes on after this one
 WET = False  # whether particles have pore pressure
 CHANGES = False  # whether columns of nodes change their velocity here (column_drag.py)
@@ -202,10 +203,10 @@ def _follow_large(t, r, state, p, mat, s, cells):
     _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
 
-def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, cells):
-    """Apply the law for any strain to the columns that are marked LARGE, from records and states in a buffer from ``slot`` on.
+def _follow_all_large(t, rec, slot, state, place, particles, first, groups, mats, s, cells):
+    """Apply the law for any strain to the columns that are marked LARGE, from records from ``slot`` and states from ``place`` on.
 
-    In a transfer of several substeps the states are those of the slots from ``first`` on.
+    Their labels are those of the slots from ``first`` on.
     """
     particle_index, label = particles.particle_index, particles.label
     for g in range(groups):
@@ -214,7 +215,6 @@ def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, ce
             column = np.int64(lowest_bit(bits)) + 16 * g
             bits = bits & (bits - np.uint64(1))
             mat = mats[label[particle_index[first + column], 0]]
-            place = first if SEVERAL else slot
             _follow_large(t, rec[slot + column], state[place + column], np.uint64(column), mat, s, cells)
 
 
@@ -348,11 +348,11 @@ def _total_motion(motion, changed, nown):
     return speed, move, lost, refused, moved
 
 
-def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, domain, step, buffers):
+def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, domain, step, buffers, alone):
     """One step of all particles; afterwards the particles of a block lie in the order of the cells in which they started.
 
-    ``nodes`` (nall, 256) hold the new velocities, but for the changes of the ``columns``. Fills ``moves`` and lists the particles
-    that change their cell. Returns sums.
+    ``nodes`` (nall, 256) hold the new velocities, but for the changes of the ``columns``. ``alone``: this is the only substep of
+    the transfer, so that no sums lie in the records. Fills ``moves`` and lists the particles that change their cell. Returns sums.
     """
     rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
     mats, s, cells = step.mats, step.slopes, step.cells
@@ -379,7 +379,7 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
                 _add_changes(around, columns, blocks.up, b, reached[b])
             f = blocks.first[b]
             _expect_list(particles.order, particle_index, blocks, b)
-            if not SEVERAL:
+            if alone:
                 _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
             _expect_next(rec, state, particles.order, blocks, b, nodes)
             speed = move = lost = refused = zeros(rec)
@@ -387,18 +387,20 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
             for k in range(0, held, TILE):
                 count = min(TILE, held - k)
                 groups = (count + 15) >> 4
-                if SEVERAL:
+                if alone:
+                    _load_tile(t, records, k, states, k, groups)
+                    if SEVERAL:
+                        _clear_sums(t, groups)
+                else:
                     _gather_again(particles, np.uint64(f + k), np.uint64(count), around, records, np.uint64(k))
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
-                else:
-                    _load_tile(t, records, k, states, k, groups)
                 if WET:
                     pores = Pores(pore_left, excess, pore_records, fading)
                     _drain_tile(t, particles, pores, np.int64(b), f + k, count)
                 _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
-                before = state if SEVERAL else states
-                _follow_all_large(t, records, before, k, particles, f + k, groups, mats, s, cells)
+                before, place = (states, k) if alone else (state, f + k)
+                _follow_all_large(t, records, k, before, place, particles, f + k, groups, mats, s, cells)
                 _store_tile(t, rec, f + k, state, f + k, groups)
                 for g in range(groups):
                     speed = largest(speed, load16(t, SPEED * TILE + 16 * g))

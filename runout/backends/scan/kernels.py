@@ -171,18 +171,15 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "ONE_MATERIAL": len(scene.materials) == 1,
         "CHANGES": scene.basal.law.drags_column and not reads_nodes(scene),
     }
+    if scene.substeps > 1:
+        names["SEVERAL"] = True
     own = binding.kernels(*MOTION, sources=LANES, **names)
     structures = _of_structures(binding) if scene.structures else SimpleNamespace()
     wet = binding.kernels(*BY_PORES, sources=LANES) if scene.is_wet else SimpleNamespace()
-    several = _of_substeps(binding, {**names, "DRAGS_COLUMN": of_contact["DRAGS_COLUMN"]}) if scene.substeps > 1 else {}
-    return SimpleNamespace(**(vars(own) | vars(common) | vars(structures) | vars(wet) | own_of_contact | several))
-
-
-def _of_substeps(binding: NumbaBinding, names: dict[str, Any]) -> dict[str, Any]:
-    """Kernels of transfers of several substeps: one for all but the last, and the last."""
-    last = binding.kernels(*MOTION, sources=LANES, **names, SEVERAL=True)
-    others = binding.kernels(*BY_SUBSTEPS, sources=LANES, **names, SEVERAL=True, LASTS=True)
-    return {"substep": others.substep, "last_to_particles": last.grid_to_particles}
+    if scene.substeps > 1:
+        drags = {"DRAGS_COLUMN": of_contact["DRAGS_COLUMN"]}
+        own.substep = binding.kernels(*BY_SUBSTEPS, sources=LANES, **names, **drags, LASTS=True).substep
+    return SimpleNamespace(**(vars(own) | vars(common) | vars(structures) | vars(wet) | own_of_contact))
 
 
 def _of_structures(binding: NumbaBinding) -> SimpleNamespace:

@@ -198,7 +198,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                         pores = Pores(pore_left, excess, pore_records, fading)
                         _drain_tile(t, particles, pores, np.int64(b), f + k, count)
                     _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells)
-                    _follow_all_large(t, records, state, k, particles, f + k, groups, mats, s4, cells)
+                    _follow_all_large(t, records, k, state, f + k, particles, f + k, groups, mats, s4, cells)
                     _store_tile(t, records, k, state, f + k, groups)
                     for g in range(groups):
                         lost = lost + load16(t, LOST * TILE + 16 * g)

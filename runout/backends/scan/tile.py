@@ -48,6 +48,13 @@ def _load_sums(t, rec, p, groups):
         store_16_rows(t, SUMS * TILE + 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
 
 
+def _clear_sums(t, groups):
+    """Set the sums to 0: those before the only substep of a transfer."""
+    for k in range(16):
+        for p in range(16 * groups):
+            t[SUMS + k, p] = real(0.0)
+
+
 def _store_tile(t, rec, k, state, p, groups):
     for g in range(groups):
         store_records(rec, 16 * (k + 16 * g), load_16_rows(t, 16 * g))
