@@ -311,8 +311,9 @@ def members(study: Study) -> dict[str, Any]:
     weighted = study.members["weight"].nunique() > 1
     headings = [("Member", "", "number of the realization")]
     headings += [("Weight", "", "share of the ensemble")] if weighted else []
-    told = [name for name in ("scenario", "annual_rate") if name in study.members]
-    headings += [(_heading(name), _unit(name), VARIABLES[name].long_name) for name in told]
+    told = {"scenario": ("Scenario", "", ""), "annual_rate": ("Annual rate", "1/a", VARIABLES["annual_rate"].long_name)}
+    told = {name: heading for name, heading in told.items() if name in study.members}
+    headings += list(told.values())
     headings += [(_heading(p), _unit(p), "sampled parameter") for p in parameters]
     figures = FIGURES | (VOLUMES if has_volumes(study.valid) else {})
     headings += [(c.heading, c.units, c.meaning) for c in figures.values()]

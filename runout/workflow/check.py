@@ -188,7 +188,7 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
     for problem in reading.problems:
         findings.note(problem)
     findings.notes += [f"release {release.name}: {change}" for release in findings.releases for change in release.changes]
-    findings.notes += start_sentences(findings.releases)
+    findings.notes += start_sentences(findings.releases, site.settings.ensemble.fail_apart)
     for release in findings.releases:
         try:
             if isinstance(release.velocity, StartVelocity):
