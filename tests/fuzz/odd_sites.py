@@ -343,7 +343,8 @@ INSERTED = (
     "low", "high", "block", "elsewhere", "polygons", "bed", "depth", "erosion", "bulking", "most", "growth_rate", "specific_energy",
     "bed_density", "erosion_most", "eroded_depth_thresholds", "net_deposition_thresholds", "joint",
     "inflow", "line", "polygon", "hydrograph", "discharge_factor", "inflow_delay", "start_time", "velocity", "speed", "azimuth_deg",
-    "starts_when", "arrives", "scenarios", "table", "return_period", "annual_rate", "power_law", "return_periods", "scar.start_time", "pile.basal_mu", "spring.start_time",
+    "starts_when", "arrives", "scenarios", "table", "return_period", "annual_rate", "power_law", "return_periods",
+    "scar.start_time", "pile.basal_mu", "spring.start_time",
 )  # fmt: skip
 
 
