@@ -61,7 +61,7 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
 def test_points_lines_and_areas_have_symbols_of_their_kind():
     styles = outline_styles() | slope_styles()
     kinds = {name: "".join({s.get("type") for s in read(text).iter("symbol")}) for name, text in styles.items()}
-    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "structures", "sinks")
+    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "return_periods", "structures", "sinks")
     assert kinds == {
         **dict.fromkeys(areas, "fill"),
         **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths"), "line"),
