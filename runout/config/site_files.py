@@ -56,9 +56,10 @@ PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, b
     "inflows": tuple(("inflow", EACH, *key) for key in (("line",), ("polygon",), ("hydrograph",), ("pore_pressure", "ratio"))),
     "observations": tuple(("observations", name, key) for name, (key, _) in READERS.items()),
     "protected": (("structures", EACH, "protects"),),  # areas behind dams
+    "design": (("ensemble", "table"),),
 }
 OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed", "inflows")  # parts that members depend on
-OF_PRODUCTS = ("observations", "protected")
+OF_PRODUCTS = ("observations", "protected", "design")
 
 
 def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:

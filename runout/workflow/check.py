@@ -100,9 +100,10 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
     _read_observations(findings, readable, findings.terrain)
     _read_probes(findings, readable, findings.terrain)
     _read_bed(findings, readable, findings.terrain)
-    _inspect_overlaps(findings, findings.terrain)
+    _inspect_overlaps(findings, readable, findings.terrain)
     _inspect_structures(findings, readable, findings.terrain)
     if findings.site is not None:
+        _inspect_classes(findings, findings.site)
         _inspect_obstacles(findings, findings.site, findings.terrain)
         try:
             _inspect_resolution(findings, findings.site)
@@ -187,7 +188,7 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
     for problem in reading.problems:
         findings.note(problem)
     findings.notes += [f"release {release.name}: {change}" for release in findings.releases for change in release.changes]
-    findings.notes += start_sentences(findings.releases)
+    findings.notes += start_sentences(findings.releases, site.settings.ensemble.fail_apart)
     for release in findings.releases:
         try:
             if isinstance(release.velocity, StartVelocity):
@@ -271,7 +272,23 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     findings.warnings += bed.sentences(terrain, findings.releases, size, math.prod(size) / per_cell)
 
 
-def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
+def _inspect_classes(findings: Findings, site: "Site") -> None:
+    """Refuse scenarios whose members have other volumes than the class that their rate counts."""
+    from runout.config.scenarios import volume_conflicts
+
+    ensemble, volumes = site.settings.ensemble, {release.name: release.volume for release in findings.releases}
+    for scenario in ensemble.scenarios or ():
+        findings.problems += volume_conflicts(scenario, ensemble.parameters, volumes)
+
+
+def _fail_together(site: "Site", pair: "tuple[Release, Release]") -> bool:
+    """Whether two releases fail in the same member."""
+    from runout.config.member_arguments import failing
+
+    return any(len(failing(pair, sample)) == len(pair) for sample in check_physics.samples_of(site))
+
+
+def _inspect_overlaps(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     from runout.release.sample import may_overlap
 
     for one, other in combinations(findings.releases, 2):
@@ -283,7 +300,7 @@ def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
 
             cells = one.outline.intersection(other.outline).area / terrain.cell_area
             shared = math.ceil(cells) if cells >= SLIVER else 0
-        if shared:
+        if shared and _fail_together(site, (one, other)):
             findings.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
 
 
@@ -378,19 +395,21 @@ def _below_the_threshold(release: "Release", threshold: float) -> Iterator[str]:
 def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     """Warn of mass that cannot slide out of its scar, for the stated release or, if there is none, for the worst member."""
     from runout.config.friction import OF_RELEASE, PREFIX, sampled_ranges
-    from runout.ensemble.design import member_table
     from runout.model.release import Edge, Placement
     from runout.release.outlets import trapped_share
 
     if release.placement is Placement.ON_SURFACE:
         return
-    members = member_table(site.settings.ensemble)
+    members = check_physics.samples_of(site)
     angle_of_site = _resting_angle(release, site, {})
     own = release.name + OF_RELEASE + PREFIX
-    names, of_all = [str(name) for name in members], sampled_ranges(site.friction.law)
-    sampled = [n for n in names if n in of_all or n.rpartition(OF_RELEASE)[2] in PORES or n.startswith(own)]
-    worst_angle = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=angle_of_site)
-    largest = float(np.max(members.get("release_volume_factor", 1.0)))
+    of_all = sampled_ranges(site.friction.law)
+    acting = [
+        {n: value for n, value in row.items() if n in of_all or n.rpartition(OF_RELEASE)[2] in PORES or n.startswith(own)}
+        for row in members
+    ]
+    worst_angle = max((_resting_angle(release, site, row) for row in acting), default=angle_of_site)
+    largest = max(row.get("release_volume_factor", 1.0) for row in members)
     for factor, angle in dict.fromkeys([(1.0, angle_of_site), (largest, worst_angle)]):
         scaled = release.scaled(factor) if factor != 1.0 else release
         below, at_friction = trapped_share(scaled, 0.0), trapped_share(scaled, angle)

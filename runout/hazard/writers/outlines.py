@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any
 from runout.hazard.observed import observed_layers
 from runout.hazard.outline_style import outline_styles
 from runout.hazard.writers import Products
-from runout.io.vector import write_outlines
+from runout.io.vector import outline, reaches, write_outlines
+from runout.quantities import QUANTITIES
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from runout.model.inflow import Inflow
     from runout.model.probes import Probes
+    from runout.model.terrain import Terrain
 
 
 def write(products: Products) -> list[Path]:
@@ -27,9 +31,25 @@ def write(products: Products) -> list[Path]:
         obstacles=[part for obstacles in site.files.obstacles() for part in obstacles.parts],
         styles=outline_styles(),
         further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())}
-        | inflow_layers(site.files.inflows().require()),
+        | inflow_layers(site.files.inflows().require())
+        | return_period_layer(hazard, terrain),
     )
     return [path]
+
+
+def return_period_layer(hazard: "xr.Dataset", terrain: "Terrain") -> dict[str, tuple[str, list[dict[str, Any]]]]:
+    """Layer ``return_periods``: outline of the cells that reach the lowest threshold of thickness at 1 / return period or more."""
+    name = QUANTITIES["thickness"].at_return_period
+    if name not in hazard:
+        return {}
+    limit = float(hazard["thickness_threshold"].values[0])
+    cells = {float(years): reaches(hazard[name].sel(return_period=years).values, limit) for years in hazard["return_period"].values}
+    rows = [
+        {"return_period_a": years, "thickness_threshold_m": limit, "geometry": outline(mask, terrain)}
+        for years, mask in cells.items()
+        if mask.any()
+    ]
+    return {"return_periods": ("MultiPolygon", rows)} if rows else {}
 
 
 def inflow_layers(inflows: "Sequence[Inflow]") -> dict[str, tuple[str, list[dict[str, Any]]]]:
