@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runout.config import bed, inflow, release_start
+from runout.config import bed, inflow, release_start, scheme
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.hazard import without_a_bed
@@ -63,6 +63,7 @@ def load(path: Path | str) -> SiteSettings:
         except ValidationError as error:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_unusable_files(document, file.parent), *_coordinate_system(document)]
+        problems += scheme.site_problems(document, file.parent)
         problems += _unfit_releases(document, settings) if settings and not problems else []
         told = {problem.key for problem in document.problems}
         problems = document.problems + [problem for problem in problems if problem.key not in told]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from runout.errors import StorageError
+from runout.hazard.danger import INTENSITY, LEVEL, DangerClasses
 from runout.hazard.joint import Condition, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
 from runout.hazard.sampling import Estimator, independent, rms
@@ -63,6 +64,7 @@ def aggregate(
     *,
     joint: Sequence[Condition] = (),
     estimator: Estimator = INDEPENDENT,
+    danger: DangerClasses | None = None,
     memory_bytes: int = MEMORY_BYTES,
     folder: Path | None = None,
     each: Callable[[int, MemberMaps], None] | None = None,
@@ -90,6 +92,8 @@ def aggregate(
         Thresholds by quantity that the maxima of a member have to reach together, each at its own time.
     estimator : Estimator
         Estimator of the standard errors. Its blocks need members of equal weights in the order of the net.
+    danger : DangerClasses, optional
+        Classes of intensity and levels of danger, for rates of the members in their order.
     memory_bytes : int
         8 MiB at least are used.
     folder : Path, optional
@@ -119,7 +123,7 @@ def aggregate(
                     place = folder or Path(path).parent
                     store = stack.enter_context(TileStore(place, len(quantities) + 1, side**2, memory_bytes // 4))
                     empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
-                    maps = _Maps(empty, w, store, side, estimator)
+                    maps = _Maps(empty if danger is None else danger.add_to(empty), w, store, side, estimator, danger)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
@@ -172,10 +176,16 @@ class _Maps:
         Cells along a side of a tile.
     estimator : Estimator
         Estimator of the standard errors.
+    danger : DangerClasses, optional
+        Classes of intensity and levels of danger.
     """
 
-    def __init__(self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator):
+    def __init__(
+        self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator,
+        danger: DangerClasses | None = None,
+    ):  # fmt: skip
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
+        self.danger = danger
         self.joint = conditions_of(dataset)
         self.quantities = {name: quantity for name, quantity in ALL_QUANTITIES.items() if quantity.peak in dataset}
         self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
@@ -215,6 +225,10 @@ class _Maps:
             self._put_joint(tile, condition, k, members)
         if CHANGE_PERCENTILE in self.maps:
             self._put_change(tile, members)
+        if self.danger:
+            asked = [(k, name) for k, name in enumerate(self.quantities) if name in self.danger.quantities]
+            for name, layers in self.danger.tile({name: self.store.values_of(tile, k) for k, name in asked}, members):
+                self._put(tile, name, layers)
         arrival = self.store.values_of(tile, len(self.quantities))
         arrival[np.isnan(arrival)] = np.inf
         percentiles = CellValues(arrival, members, self.weights, absent=np.inf).percentiles(self.dataset["percentile"].values)
@@ -296,6 +310,10 @@ class _Maps:
             unknown = np.any([undefined[name] for name in condition], axis=0)
             for kind in _KINDS:
                 self._undefine(f"joint_exceedance_{kind}", unknown, k)
+        if self.danger:
+            unknown = np.any([undefined[name] for name in self.danger.quantities if name in undefined], axis=0)
+            for name in (INTENSITY, LEVEL):
+                self._undefine(name, unknown)
         for name in (*self.quantities, "joint"):
             self._add_mean_error(name)
         return self.dataset

@@ -14,6 +14,7 @@ from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import writers
 from runout.hazard.bed_maps import BedMaps
 from runout.hazard.exceedance import aggregate, stated_thresholds
+from runout.hazard.danger import DangerClasses
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
@@ -172,9 +173,11 @@ def hazard_dataset(
     estimator = Estimator.of(ensemble.table, ensemble.files)
     thresholds = stated_thresholds(settings, bed=getattr(site.settings, "bed", None) is not None)
     joint = stated_conditions(settings)
+    danger = DangerClasses.of(site, ensemble)
     over_members = aggregate(
-        files, ensemble.weights, thresholds, settings.percentiles, joint=joint, estimator=estimator, folder=folder, each=each
-    )
+        files, ensemble.weights, thresholds, settings.percentiles, joint=joint, estimator=estimator, danger=danger, folder=folder,
+        each=each,
+    )  # fmt: skip
     if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
         raise StorageError(f"{files[0]}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
     return dataset.merge(over_members, join="exact", compat="override", combine_attrs="override").assign(ensemble.counts())
