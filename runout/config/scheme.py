@@ -97,7 +97,9 @@ class _Criterion(Settings):
             strength = self.house_strength
             return f"pressure above {strength.force / 1e3:g} / (H ({strength.height:g} - H)) kPa at a thickness H in m"
         parts = [f"{ALL_QUANTITIES[name].extreme} of {_printed(name, least)} or more" for name, least in self.thresholds.items()]
-        return " and ".join(parts).replace("maximum ", "") + (" at one time" if len(parts) > 1 and self.at_once else "") or "reached"
+        return (
+            " and ".join(parts).replace("maximum ", "") + (" at one time" if len(parts) > 1 and self.at_once else "") or "reached"
+        )
 
 
 def _printed(name: str, least: float) -> str:
@@ -141,7 +143,9 @@ class Risk(Settings):
         "levels of the individual risk, the largest first", unit="1/a"
     )
     presence: Annotated[float, Field(gt=0, le=1)] | None = quantity("share of the time that the person most at risk is there", None)
-    vulnerability: Annotated[float, Field(gt=0, le=1)] | None = quantity("probability that this person dies if the flow arrives", None)
+    vulnerability: Annotated[float, Field(gt=0, le=1)] | None = quantity(
+        "probability that this person dies if the flow arrives", None
+    )
     checked: Checked = checked()
 
 
@@ -183,6 +187,12 @@ class Scheme(Settings):
         assert self.risk and self.risk.presence and self.risk.vulnerability
         return [self.risk.presence * self.risk.vulnerability / annual for annual in self.risk.annual]
 
+    @property
+    def states(self) -> list[str]:
+        """How its values were checked, each state once."""
+        parts = (*self.classes, *self.levels, *filter(None, (self.return_periods, self.risk, self.matrix)))
+        return [state for state in CHECKED if state in {part.checked for part in parts}]
+
     def level_number(self, intensity: str, period: int) -> int:
         """Number of the level, from 1 for the lowest, of a class at the return period of a place among :attr:`years`."""
         assert self.matrix
@@ -213,7 +223,7 @@ def is_file(stated: Any) -> bool:
     return not isinstance(stated, str) or stated.endswith((".yaml", ".yml"))
 
 
-def path_of(stated: str, folder: Path) -> Path:
+def path_of(stated: str, folder: Path = FOLDER) -> Path:
     """File of a scheme: one of runout by its name, or one whose path is relative to a folder."""
     return folder / stated if is_file(stated) else FOLDER / f"{stated}.yaml"
 
@@ -324,4 +334,3 @@ def _of_matrix(scheme: Scheme, periods: int) -> Iterator[tuple[Location, str, st
         for k, level in enumerate(row):
             if level not in levels:
                 yield (*place, k), f"{level!r} is none of the levels", choice_fix(level, levels)
-

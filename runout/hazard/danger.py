@@ -4,6 +4,7 @@ Each member has a class in each cell: the strongest of which it meets a criterio
 that is reached at an annual rate of 1/T or more. Its level of danger is the highest that the matrix has for these classes.
 """
 
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.config.scheme import CHECKED, Scheme, read_scheme
+from runout.config.scheme import Scheme, read_scheme
 from runout.hazard.frequency import Frequencies, at_return_period, require_frequencies
+from runout.hazard.style import class_colours
 from runout.io import netcdf
 
 if TYPE_CHECKING:
@@ -36,11 +38,14 @@ class DangerClasses:
         Annual rate of each member [1/a].
     arrival_threshold : float
         Thickness from which the flow reaches a cell [m]: the lowest threshold of inundation.
+    has_bed : bool
+        Whether the members have an erodible bed.
     """
 
     scheme: Scheme
     rate: np.ndarray
     arrival_threshold: float
+    has_bed: bool = False
 
     @classmethod
     def of(cls, site: "Site", ensemble: "Ensemble") -> "DangerClasses | None":
@@ -58,7 +63,7 @@ class DangerClasses:
         frequencies = Frequencies.of(ensemble.table, ensemble.files)
         require_frequencies(frequencies, [f"hazard.scheme {settings.scheme}"])
         assert frequencies
-        return cls(scheme, frequencies.rate, min(settings.thickness_thresholds))
+        return cls(scheme, frequencies.rate, min(settings.thickness_thresholds), bool(getattr(site.settings, "bed", None)))
 
     @property
     def quantities(self) -> list[str]:
@@ -112,20 +117,67 @@ class DangerClasses:
         """Name and values (..., cells) of each map from values (cells, members)."""
         yield from self.at_periods(self.classes(values).T, members).items()
 
+    def record(self) -> dict[str, Any]:
+        """What a reader has to know of the maps: classes and levels with colours and state of checking, matrix, source, limits."""
+        scheme = self.scheme
+        periods = scheme.return_periods or scheme.risk
+        colours = class_colours("YlOrRd", len(scheme.classes))
+        return scheme.model_dump(include={"title", "process", "does_not_say", "source", "beyond", "matrix", "risk"}) | {
+            "return_periods": {"years": scheme.years, "checked": periods.checked if periods else ""},
+            "remarks": scheme.remarks(self.has_bed),
+            "classes": [
+                _entry(
+                    number, one.name, colour, one.checked, " or ".join(map(str, one.when)) + (f"; {one.note}" if one.note else "")
+                )
+                for number, (one, colour) in enumerate(zip(scheme.classes, colours, strict=True), 1)
+            ],
+            "levels": [
+                _entry(number, one.name, one.colour, one.checked, one.consequence) for number, one in enumerate(scheme.levels, 1)
+            ],
+        }
+
     def add_to(self, dataset: "xr.Dataset") -> "xr.Dataset":
-        """The dataset with maps of class 0, and level 0 if there is a matrix, their meanings, colours and sources."""
-        shape, scheme = (dataset.sizes["y"], dataset.sizes["x"]), self.scheme
+        """The dataset with maps of class 0, and level 0 if there is a matrix, with the meanings of their numbers."""
+        shape, scheme, record = (dataset.sizes["y"], dataset.sizes["x"]), self.scheme, self.record()
         dataset = dataset.assign_coords({PERIOD: np.array(scheme.years, np.float64)})
         netcdf.add_map(dataset, INTENSITY, np.zeros((len(scheme.years), *shape), np.uint8), (PERIOD,))
-        dataset[INTENSITY].attrs |= flags("not reached", scheme.classes)
+        dataset[INTENSITY].attrs |= _flags("not reached", record["classes"])
         if scheme.matrix:
             netcdf.add_map(dataset, LEVEL, np.zeros(shape, np.uint8))
-            dataset[LEVEL].attrs |= flags("not in danger", scheme.levels)
-            dataset[LEVEL].attrs["flag_colours"] = " ".join(level.colour for level in scheme.levels)
+            dataset[LEVEL].attrs |= _flags("not in danger", record["levels"])
         for name in (INTENSITY, LEVEL) if scheme.matrix else (INTENSITY,):
-            dataset[name].attrs["scheme"] = f"{scheme.title}; {scheme.source.title}; {scheme.source.edition}; {scheme.source.address}"
-            dataset[name].attrs["does_not_say"] = " ".join(scheme.does_not_say)
+            dataset[name].attrs |= {"scheme": scheme.title, "scheme_record": json.dumps(record)}
         return dataset
+
+
+def _entry(number: int, name: str, colour: str, checked: str, text: str) -> dict[str, Any]:
+    return {"number": number, "name": name, "colour": colour, "checked": checked, "text": text}
+
+
+def _flags(nothing: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Attributes of a map of classes or levels: values, meanings as CF writes them, and how each was checked."""
+    names = [nothing, *(entry["name"] for entry in entries)]
+    return {
+        "flag_values": np.arange(len(names), dtype=np.uint8),
+        "flag_meanings": " ".join(re.sub(r"[^A-Za-z0-9_.+-]+", "_", name) for name in names),
+        "checked": "; ".join(f"{entry['name']}: {entry['checked']}" for entry in entries),
+    }
+
+
+def scheme_record(hazard: "xr.Dataset") -> dict[str, Any] | None:
+    """The record of :meth:`DangerClasses.record` in hazard maps; None if they have no classes."""
+    return json.loads(hazard[INTENSITY].attrs["scheme_record"]) if INTENSITY in hazard else None
+
+
+def entries_of(hazard: "xr.Dataset", name: str) -> list[dict[str, Any]]:
+    """Entries of the record with the meanings of the numbers of a map, the lowest first."""
+    record = scheme_record(hazard)
+    return record["levels" if name == LEVEL else "classes"] if record else []
+
+
+def label(entry: Mapping[str, Any]) -> str:
+    """Words of a class or level for a legend, with the state of checking."""
+    return f"{entry['name']} (checked: {entry['checked']})"
 
 
 def _maps_of(criterion: Any) -> Sequence[str]:
@@ -140,21 +192,3 @@ def _breaks_house(pressure: np.ndarray, thickness: np.ndarray, strength: Any) ->
     """
     height = np.minimum(thickness, np.float32(0.5 * strength.height)).astype(np.float64)
     return (pressure > 0) & (pressure * height * (strength.height - height) >= strength.force)
-
-
-def flags(nothing: str, entries: Sequence[Any]) -> dict[str, Any]:
-    """Attributes of a map of classes or levels: values, meanings as CF writes them, and how each was checked."""
-    names = [nothing, *(one.name for one in entries)]
-    return {
-        "flag_values": np.arange(len(names), dtype=np.uint8),
-        "flag_meanings": " ".join(re.sub(r"[^A-Za-z0-9_.+-]+", "_", name) for name in names),
-        "checked": "; ".join(f"{one.name}: {one.checked}" for one in entries),
-    }
-
-
-def legend(scheme: Scheme) -> list[tuple[int, str, str, str]]:
-    """Number, name, colour and sentence with the state of checking of each level, the highest first."""
-    return [
-        (number, level.name, level.colour, f"{level.consequence} ({CHECKED[level.checked]})")
-        for number, level in reversed(list(enumerate(scheme.levels, 1)))
-    ]

@@ -95,7 +95,7 @@ def aggregate(
     danger : DangerClasses, optional
         Classes of intensity and levels of danger, for rates of the members in their order.
     memory_bytes : int
-        8 MiB at least are used.
+        1.25 MiB at least are used for each map of a member.
     folder : Path, optional
         Where a temporary file goes, 4 bytes for each map, cell and member where a member arrives; default: that of the first file.
     each : callable, optional

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.hazard.bed_maps import BED_MEANS, CHANGES
+from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of, label
 from runout.hazard.joint import conditions_of
-from runout.hazard.style import class_edges, qml
+from runout.hazard.style import class_edges, palette, qml
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
 from runout.quantities import (
@@ -69,6 +70,10 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
         for number, condition in enumerate(conditions_of(hazard), 1):
             of = "_".join(f"{name}_{_stem(ALL_QUANTITIES[name], limit)}" for name, limit in condition.items())
             yield f"joint_exceedance_{kind}_{of}", f"joint_exceedance_{kind}", {"joint": number}
+    for years in hazard[PERIOD].values if INTENSITY in hazard else ():
+        yield f"{INTENSITY}_{years:g}", INTENSITY, {PERIOD: float(years)}
+    if LEVEL in hazard:
+        yield LEVEL, LEVEL, {}
     for name in PERCENTILES:
         for value in hazard["percentile"].values if name in hazard else ():
             yield f"{name}_{value:g}", name, {"percentile": float(value)}
@@ -90,6 +95,8 @@ def write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
 
 
 def _style(hazard: "xr.Dataset", name: str) -> str:
+    if name in (INTENSITY, LEVEL):
+        return palette([(entry["number"], entry["colour"], label(entry)) for entry in entries_of(hazard, name)])
     units, divisor = VARIABLES[name].printed
     alike = [other for other in CHANGES if other in hazard] if name in CHANGES else [name]
     finite = [hazard[other].values[np.isfinite(hazard[other].values)] / divisor for other in alike]

@@ -13,8 +13,8 @@ from runout.errors import PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import writers
 from runout.hazard.bed_maps import BedMaps
-from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.danger import DangerClasses
+from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
