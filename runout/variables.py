@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from runout.quantities import ALL_QUANTITIES, ARRIVAL, ARRIVAL_PERCENTILE, CHANGE_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 
 FILL = -9999.0
-PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> printed unit and divisor
+PRINTED = {"Pa": ("kPa", 1000.0), "year-1": ("1/a", 1.0), "year": ("a", 1.0)}  # unit in files -> printed unit and divisor
 FILL_BY_DTYPE = {"float32": FILL, "float64": None, "int16": -9999, "int32": -9999, "int64": None, "uint8": 255, "str": None}
 
 
@@ -84,6 +84,7 @@ def _count(long_name: str, comment: str | None = None) -> Variable:
     return Variable("1", long_name, dtype="int32", valid_min=0, comment=comment)
 
 
+_JOINTLY = "the maxima reach or exceed all thresholds of the joint condition, each at its own time"
 _FRACTION = "fraction of the ensemble's weight, given that the release happens; not an annual probability"
 
 _MEMBER_MAPS = {
@@ -139,6 +140,16 @@ def _exceedance(name: str, condition: str, cells: str) -> dict[str, Variable]:
     }
 
 
+def _annual(name: str, condition: str) -> dict[str, Variable]:
+    return {
+        f"{name}_annual_exceedance": _positive(
+            "year-1",
+            f"annual rate at which {condition}",
+            comment="expected events in a year, all scenarios together; probability of one or more in a year: 1 - exp(-rate)",
+        )
+    }
+
+
 def _over_members(q: MapQuantity) -> dict[str, Variable]:
     """Maps over the members of a quantity."""
     found = _exceedance(q.name, f"the {q.extreme} reaches or exceeds the threshold", "that any member reaches at the threshold")
@@ -147,6 +158,10 @@ def _over_members(q: MapQuantity) -> dict[str, Variable]:
     found[q.peak] = _positive(q.units, f"largest {q.words} of any member")
     if q.mean:
         found[q.mean] = _positive(q.units, f"weighted mean over the members of the {q.extreme}")
+    found |= _annual(q.name, f"the {q.extreme} reaches or exceeds the threshold")
+    if q.at_return_period:
+        comment = "largest value that is reached at an annual rate of 1 / return period; missing where the flow arrives less often"
+        found[q.at_return_period] = _positive(q.units, f"{q.extreme} at the return period", comment)
     return found
 
 
@@ -161,9 +176,10 @@ _HAZARD_MAPS = {
     **{name: variable for q in ALL_QUANTITIES.values() for name, variable in _over_members(q).items()},
     **_exceedance(
         "joint",
-        "the maxima reach or exceed all thresholds of the joint condition, each at its own time",
+        _JOINTLY,
         "where any member meets the condition",
     ),
+    **_annual("joint", _JOINTLY),
     FIRST_ARRIVAL: _positive("s", "earliest arrival of any member", comment="missing where no member arrives"),
     ARRIVAL_PERCENTILE: _positive(
         "s",
@@ -235,6 +251,11 @@ _ENSEMBLE = {
     "members_missing": _count("number of members that have not run"),
     "effective_sample_size": Variable("1", "effective number of members, 1 / sum of squared weights", dtype="float64"),
     "weight": Variable("1", "weight of the member, of a sum of 1 over all planned members", dtype="float64", valid_min=0.0),
+    "annual_rate": Variable(
+        "year-1", "annual rate of the member, its share of that of its scenario", dtype="float64", valid_min=0.0
+    ),
+    "scenario": Variable("", "name of the scenario of the member", dtype="str"),
+    "fails": Variable("1", "whether it fails (1) or not (0)", dtype="float64"),
     "seed": Variable("1", "seed of the member's random numbers", dtype="int64"),
     "file": Variable("", "name of the member's file in members/", dtype="str"),
     "status": Variable("", "valid, failed or missing", dtype="str"),
@@ -272,6 +293,7 @@ _COORDINATES = {
     },
     "percentile": Variable("percent", "percentile over the members, by weight", dtype="float64"),
     "class_return_period": Variable("year", "return period of the classes of intensity", dtype="float64"),
+    "return_period": Variable("year", "return period", dtype="float64"),
     "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),
     "time": Variable("s", "time since the release", dtype="float64"),
 }

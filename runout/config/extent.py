@@ -1,6 +1,7 @@
 """The part of a huge elevation raster that a site needs: the area within reach of its masses, from the energy line."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,7 +59,8 @@ def known_extent(files: "SiteFiles") -> DerivedExtent | None:
     if known.path is None:
         return needed_extent(settings, files.file)
     inputs = settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
-    key = checksum([source_code.checksums().members, inputs, files.checksums()])
+    rows = files.checksums("design") if settings.ensemble.table else []
+    key = checksum([source_code.checksums().members, inputs, files.checksums(), *rows])
     entry = known.value("extent", key)
     if entry is None:
         extent = needed_extent(settings, files.file)
@@ -187,7 +189,7 @@ def _reach(settings: "SiteSettings", file: Path, terrain: "Terrain") -> tuple[fl
     from runout.release.inlet import mass_at
     from runout.terrain.prepare import reachable
 
-    largest = max(1.0, _support(settings, "release_volume_factor", 1.0)[1])
+    largest = max(1.0, _largest(settings, "release_volume_factor"))
     read = read_releases(settings, file, terrain).require()
     inflows = read_inflows(settings, file, terrain).require()
     releases = [*sampled_releases(settings, read, {"release_volume_factor": largest}), *map(mass_at, inflows)]
@@ -198,36 +200,42 @@ def _reach(settings: "SiteSettings", file: Path, terrain: "Terrain") -> tuple[fl
 def _least_friction(settings: "SiteSettings", file: Path, terrain: "Terrain", releases: "list[Release]") -> float:
     """Smallest friction angle [rad] of all members on any ground within reach."""
     from runout.errors import ZoneError
+
+    try:
+        zones = read_zones(settings, file, terrain)
+    except ZoneError:  # no zone lies within this extent; SiteFiles.zones reports faults on the final extent
+        zones = None
+    return min(_least_of(settings, releases, zones, sampled) for sampled in settings.ensemble.sampled())
+
+
+def _least_of(settings: "SiteSettings", releases: "list[Release]", zones: Any, sampled: Mapping[str, Any]) -> float:
+    """Smallest friction angle [rad] of the members with some distributions."""
     from runout.model.basal_strength import forecast_strengths, least_angle
 
-    sampled, friction = settings.ensemble.parameters, SiteFriction(settings)
+    friction = SiteFriction(settings)
     weak = "friction_angle_deg", "cohesion", "yield_stress"
     low = {name: d.support()[0] for name, d in sampled.items()}
     lowest = {name: value for name, value in low.items() if name in sampled_ranges(friction.law) or OF_RELEASE + PREFIX in name}
     of_material = {name: value for name, value in low.items() if name.rpartition(OF_RELEASE)[2] in weak}
     weakest, own = material(settings, of_material), OwnLaws(settings).under(releases, of_material)
     strength = forecast_strengths([r.material or weakest for r in own], releases, grid_spacing(settings, releases)[2])
-    try:
-        zones = read_zones(settings, file, terrain)
-    except ZoneError:  # no zone lies within this extent; SiteFiles.zones reports faults on the final extent
-        zones = None
-    return least_angle(friction.of_releases(releases, lowest), strength, zones, _least_effective(settings, releases))
+    return least_angle(friction.of_releases(releases, lowest), strength, zones, _least_effective(settings, releases, sampled))
 
 
-def _least_effective(settings: "SiteSettings", releases: "list[Release]") -> list[float]:
+def _least_effective(settings: "SiteSettings", releases: "list[Release]", sampled: Mapping[str, Any]) -> list[float]:
     """Least share [1] of the normal stress that the grains of each release carry in any member, with mass of a wet bed."""
     from runout.config.bed import PORES, bed_ratio
     from runout.model.basal_strength import effective_shares
 
-    sampled, pores = settings.ensemble.parameters, (*SAMPLED, PORES)
+    pores = (*SAMPLED, PORES)
     highest = {name: d.support()[1] for name, d in sampled.items() if name.rpartition(OF_RELEASE)[2] in pores}
     return effective_shares(sampled_pores(releases, highest), bed_ratio(settings, highest))
 
 
-def _support(settings: "SiteSettings", name: str, otherwise: float) -> tuple[float, float]:
-    """Smallest and largest value of a parameter of the members."""
-    distribution: Any = settings.ensemble.parameters.get(name)
-    return distribution.support() if distribution is not None else (otherwise, otherwise)
+def _largest(settings: "SiteSettings", name: str) -> float:
+    """Largest value of a factor in the members."""
+    stated = [sampled[name].support()[1] for sampled in settings.ensemble.sampled() if name in sampled]
+    return max(stated, default=1.0)
 
 
 def _kept(header: "Header", terrain: "Terrain", reach: np.ndarray, tried: Bounds, angle: float) -> DerivedExtent:

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from runout.config.distributions import Settings, quantity, refuse
 from runout.config.quantities import Text
+from runout.config.scenarios import LONGEST_PERIOD, ordered
 from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES, QUANTITIES, MapQuantity
 
 
@@ -64,6 +65,8 @@ def _distinct(conditions: list[Any]) -> list[Any]:
 
 
 Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_length=1), AfterValidator(_percent)]
+ReturnPeriods = Annotated[list[Annotated[float, Field(gt=0, le=LONGEST_PERIOD)]], AfterValidator(ordered)]
+RETURN_PERIODS = (30.0, 100.0, 300.0)  # [a]
 JointSettings = create_model("JointSettings", __base__=_JointSettings, **{name: _part(q) for name, q in ALL_QUANTITIES.items()})  # type: ignore[call-overload]
 _Thresholds: Any = create_model("_Thresholds", __base__=Settings, **{q.setting: _thresholds(q) for q in ALL_QUANTITIES.values()})  # type: ignore[call-overload]
 
@@ -83,6 +86,13 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
         "scheme of danger classes: one that `runout schemes` lists, or a .yaml file of your own; needs ensemble.scenarios",
         None,
         examples=["swiss_debris_flow"],
+    )
+    return_periods: ReturnPeriods | None = quantity(
+        f"return periods of the maps of thickness, speed and pressure; of ensembles with annual rates, {list(RETURN_PERIODS)} by "
+        "default; others have no such maps",
+        None,
+        unit="a",
+        examples=[list(RETURN_PERIODS)],
     )
 
 

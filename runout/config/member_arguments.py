@@ -1,20 +1,22 @@
 """Members of a site: material, releases, grid and arguments of :func:`runout.simulate`, from settings and sampled parameters."""
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from runout.config import bed, inflow
-from runout.config.friction import SiteFriction
+from runout.config.friction import OF_RELEASE, SiteFriction
 from runout.config.material import sampled_ranges
 from runout.config.pore_pressure import sampled_pores
 from runout.config.release_laws import OwnLaws, laws_of, own_ranges
 from runout.config.release_start import sampled_ranges as sampled_starts_of
 from runout.config.release_start import sampled_starts
+from runout.config.scenarios import FAILS
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
 from runout.forecast.accuracy import CellSize, choices
 from runout.model.laws import LAWS
-from runout.model.limits import spacing_of
+from runout.model.limits import Range, spacing_of
 from runout.model.numerics import Numerics
 
 if TYPE_CHECKING:
@@ -23,8 +25,10 @@ if TYPE_CHECKING:
     from runout.model.materials import Material
     from runout.model.release import Release
 
+    Mass = TypeVar("Mass", Release, Inflow)
+
 Sample = Mapping[str, float]  # sampled parameters by name
-ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besides the parameters
+ROW_EXTRAS = ("weight", "annual_rate", "scenario", "seed", "file")  # columns of the table of members besides the parameters
 OF_SIMULATION = {  # settings that are arguments under the same name
     *Numerics.names().difference(("cell_size", "particles_per_cell", "seed")),
     *("end_time", "backend", "device", "arrival_threshold"),
@@ -35,12 +39,25 @@ def sampled(settings: SiteSettings, sample: Sample | None) -> dict[str, float]:
     """The sampled parameters of a row of the table of members; an unknown name is refused."""
     if not sample:  # a site with an invalid material block has no material
         return {}
-    ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
-    ranges |= own_ranges(laws_of(settings)) | sampled_starts_of(settings.release)
+    ranges = member_ranges(settings)
     unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
     if unknown:
         raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
-    return {name: float(value) for name, value in sample.items() if name in ranges}
+    values = {name: float(value) for name, value in sample.items() if name in ranges}
+    return {name: value for name, value in values.items() if not math.isnan(value)}
+
+
+def member_ranges(settings: SiteSettings) -> dict[str, Range]:
+    """Range of every parameter that a member may have, by its name in the table of members."""
+    ranges = sampled_ranges(LAWS.find(settings.material.law), SiteFriction(settings).law, bed.law_of(settings))
+    failing = {name + OF_RELEASE + FAILS: Range(0, 1) for name in SiteFriction(settings).masses}
+    return ranges | own_ranges(laws_of(settings)) | sampled_starts_of(settings.release) | failing
+
+
+def failing(masses: "Sequence[Mass]", sample: Sample) -> "list[Mass]":
+    """The releases or inflows that fail in a member: those that it names, all if it names none."""
+    named = {name: value for name, value in sample.items() if name.endswith(OF_RELEASE + FAILS)}
+    return [mass for mass in masses if not named or named.get(mass.name + OF_RELEASE + FAILS) == 1.0]
 
 
 def material(settings: SiteSettings, sample: Sample | None = None) -> "Material":
@@ -52,7 +69,7 @@ def sampled_releases(settings: SiteSettings, releases: "Sequence[Release]", samp
     """Releases that were read with a volume factor of 1, with their own laws of site.yaml and the sampled volume."""
     parameters = sampled(settings, sample)
     factor = parameters.get("release_volume_factor", 1.0)
-    wetted = sampled_pores(OwnLaws(settings).under(releases, parameters), parameters)
+    wetted = sampled_pores(OwnLaws(settings).under(failing(releases, parameters), parameters), parameters)
     return sampled_starts([r.scaled(factor) if factor != 1.0 else r for r in wetted], parameters)
 
 
@@ -61,7 +78,7 @@ def sampled_inflows(settings: SiteSettings, inflows: "Sequence[Inflow]", sample:
     if not inflows:
         return []
     parameters = sampled(settings, sample)
-    wetted = sampled_pores(OwnLaws(settings).under(inflows, parameters), parameters)
+    wetted = sampled_pores(OwnLaws(settings).under(failing(inflows, parameters), parameters), parameters)
     return inflow.of_member(wetted, parameters)
 
 

@@ -131,7 +131,7 @@ def _unknown_fix(location: Location, model: type[BaseModel], document: Document)
     word, fields = str(location[-1]), _possible(location, model, document)
     if model is SimulationSettings and word in TAKEN_AWAY:
         return f"it was taken away; {TAKEN_AWAY[word]}"
-    if OF_RELEASE in word and location[:-1] == ("ensemble", "parameters"):
+    if OF_RELEASE in word and _is_sampled(location):
         names = ", ".join(stated_laws(document.values))
         return f"write RELEASE{OF_RELEASE}PARAMETER with a release ({names}) and a parameter of its laws"
     long = word.removeprefix(f"{KEY}_")  # also with the name of the block before it
@@ -154,10 +154,15 @@ def _unknown_fix(location: Location, model: type[BaseModel], document: Document)
 
 def _possible(location: Location, model: type[BaseModel], document: Document) -> list[str]:
     """Keys of a model; of sampled parameters only those of the laws of the file."""
-    if location[:-1] != ("ensemble", "parameters"):
+    if not _is_sampled(location):
         return list(model.model_fields)
     laws = known_law(document.value(("material",))), stated_law(document.values), bed.stated_law(document.values)
     return list(sampled_ranges(*laws))
+
+
+def _is_sampled(location: Location) -> bool:
+    """Whether a location is that of a parameter that the ensemble or one of its scenarios samples."""
+    return len(location) > 2 and location[0] == "ensemble" and location[-2] == "parameters"
 
 
 def _may_move(location: Location, section: str) -> bool:

@@ -9,14 +9,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from runout.config import bed, inflow, release_start, scheme
+from runout.config.design_table import DesignTable, as_stated, read_design
 from runout.config.document import Document, Location, read_document, shortened
-from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
+from runout.config.friction import ANGLE, KEY, OF_RELEASE, PREFIX, sampled_ranges, stated_law
 from runout.config.hazard import without_a_bed
 from runout.config.law_block import in_keys
 from runout.config.material import foreign_parameters, known_law
+from runout.config.member_arguments import member_ranges
 from runout.config.pore_pressure import ratio_conflicts, unused_samples
 from runout.config.problems import problems_of
 from runout.config.release_laws import OwnLaws, idle_parameters, laws_of, names_law, own_ranges, stated_laws, unknown_own
+from runout.config.scenarios import FAILS, scenario_conflicts, with_fixed
 from runout.config.schema import (
     SAMPLE_DEMS,
     SiteSettings,
@@ -64,7 +67,11 @@ def load(path: Path | str) -> SiteSettings:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_unusable_files(document, file.parent), *_coordinate_system(document)]
         problems += scheme.site_problems(document, file.parent)
-        problems += _unfit_releases(document, settings) if settings and not problems else []
+        if settings and not problems:
+            problems += [*_unfit_releases(document, settings), *_unfit_scenarios(document, settings)]
+        if settings and not problems:
+            settings, unfit = _with_table(document, settings, file.parent)
+            problems += [*unfit, *_without_rates(document, settings if not unfit else None)]
         told = {problem.key for problem in document.problems}
         problems = document.problems + [problem for problem in problems if problem.key not in told]
     elif not problems:
@@ -112,8 +119,7 @@ def nearest_file(path: Path) -> Path | None:
 
 def _contradictions(document: Document) -> Iterator[Problem]:
     """Problems of settings that contradict each other."""
-    sampled = document.value(("ensemble", "parameters"))
-    sampled = sampled if isinstance(sampled, dict) else {}
+    sampled = {key: one for _, block in _sampled_blocks(document) for key, one in block.items()}
     releases = document.value(("release",))
     releases = [r if isinstance(r, dict) else {} for r in releases] if isinstance(releases, list) else []
     names = [r.get("name", "release") for r in releases]
@@ -141,24 +147,83 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         yield document.problem(("structures", i, "file"), f"structures[{first}] states the same bodies", "remove one of the two")
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
-    yield from _contradictions_of_the_site(document, sampled, [*releases, *inflows])
+    yield from _contradictions_of_the_site(document)
+    for place, block in _sampled_blocks(document):
+        yield from _problems(document, place, sample_conflicts(document, block, [*releases, *inflows]))
 
 
-def _contradictions_of_the_site(document: Document, sampled: dict[str, Any], masses: list[dict[str, Any]]) -> Iterator[Problem]:
-    """Problems of settings that concern all masses, the bed, or what the ensemble samples."""
+def _sampled_blocks(document: Document) -> list[tuple[Location, dict[str, Any]]]:
+    """Parameters that the ensemble and each of its scenarios sample, as they are stated, with their places."""
+    places: list[Location] = [("ensemble",), *(("ensemble", "scenarios", i) for i in range(len(_scenarios(document))))]
+    stated = [((*place, "parameters"), with_fixed(document.value((*place, "parameters")))) for place in places]
+    return [(place, block) for place, block in stated if isinstance(block, dict)]
+
+
+def _scenarios(document: Document) -> list[dict[str, Any]]:
+    return _blocks(document, ("ensemble", "scenarios"))
+
+
+def _contradictions_of_the_site(document: Document) -> Iterator[Problem]:
+    """Problems of settings that concern all masses, or the bed."""
     yield from _problems(document, (), friction_conflicts(_stated(document.values)))
     yield from _problems(document, (), mass_conflicts(_stated(document.values)))
     yield from _problems(document, (bed.BED,), bed.bed_conflicts(_stated(document.value((bed.BED,)))))
     if not document.value((bed.BED,)):
         yield from _problems(document, ("hazard",), without_a_bed(_stated(document.value(("hazard",)))))
-    yield from _problems(document, ("ensemble", "parameters"), unused_samples(masses, sampled))
-    yield from _problems(document, ("ensemble", "parameters"), inflow.foreign_parameters(document.values, sampled))
-    yield from _problems(document, ("ensemble", "parameters"), bed.foreign_parameters(document.values, sampled))
-    yield from _problems(document, ("ensemble", "parameters"), release_start.foreign_parameters(document.values, sampled))
-    foreign = foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)
-    yield from _problems(document, ("ensemble", "parameters"), foreign)
+
+
+def sample_conflicts(
+    document: Document, sampled: dict[str, Any], masses: list[dict[str, Any]]
+) -> Iterator[tuple[str, str, str]]:  # fmt: skip
+    """Sampled parameters that a site does not have, or of which it has no use: key, message and remedy."""
+    yield from unused_samples(masses, sampled)
+    for part in (inflow, bed, release_start):
+        yield from part.foreign_parameters(document.values, sampled)
+    yield from foreign_parameters(document.value(("material",)), stated_law(document.values), sampled)
     for own in (unknown_own, idle_parameters):
-        yield from _problems(document, ("ensemble", "parameters"), own(document.values, sampled))
+        yield from own(document.values, sampled)
+
+
+def _unfit_scenarios(document: Document, settings: SiteSettings) -> Iterator[Problem]:
+    """Scenarios that contradict each other or the releases."""
+    return (document.problem(place, message, fix) for place, message, fix in scenario_conflicts(settings))
+
+
+def _with_table(document: Document, settings: SiteSettings, folder: Path) -> tuple[SiteSettings, list[Problem]]:
+    """The settings with the members of the table of the ensemble, if it has one, and the problems of the table."""
+    name = settings.ensemble.table
+    if name is None:
+        return settings, []
+    rows, problems = read_design(folder / name, name, member_ranges(settings))
+    if rows is not None:
+        masses = [*_blocks(document, ("release",)), *_blocks(document, (inflow.INFLOW,))]
+        plain = {key: one for key, one in as_stated(rows).items() if not key.endswith(OF_RELEASE + FAILS)}
+        conflicts = [*sample_conflicts(document, plain, masses), *_unfit_sources(rows, settings)]
+        problems = [Problem(name, 1, key, message, fix) for key, message, fix in conflicts]
+        settings = settings.model_copy(update={"ensemble": settings.ensemble.with_rows(rows)})
+    return settings, problems
+
+
+def _unfit_sources(rows: DesignTable, settings: SiteSettings) -> Iterator[tuple[str, str, str]]:
+    """Columns of a table that do not say of every release whether it fails: key, message and remedy."""
+    names = [mass.name + OF_RELEASE + FAILS for mass in (*settings.release, *(settings.inflow or ()))]
+    columns = {name: rows.parameters[name] for name in names if name in rows.parameters}
+    for name in names if columns else ():
+        if name not in columns:
+            yield name, "is missing, but other releases have such a column", "add it: 1 where the release fails, 0 where not"
+        elif not set(columns[name]) <= {0.0, 1.0}:
+            yield name, "holds other values than 0 and 1", "write 1 where the release fails, 0 where not"
+    if columns and (idle := [k for k, fails in enumerate(zip(*columns.values(), strict=True)) if 1.0 not in fails]):
+        yield next(iter(columns)), f"no release fails in member {idle[0]}", "let one fail, or remove the row"
+
+
+def _without_rates(document: Document, settings: SiteSettings | None) -> Iterator[Problem]:
+    """Annual maps that are asked for without annual rates."""
+    for key in ("return_periods", "scheme") if settings and not settings.ensemble.has_rates else ():
+        if document.value(("hazard", key)) is not None:
+            missing = "the ensemble has no annual rates, so that its probabilities are conditional on the release"
+            fix = "state ensemble.scenarios, or a column annual_rate in ensemble.table, or remove it"
+            yield document.problem(("hazard", key), missing, fix)
 
 
 def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Problem]:

@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, SerializeAsAny, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny, model_validator
 
 from runout.config.bed import SETTINGS as BED
 from runout.config.bed import BedSettings
-from runout.config.distributions import Distribution, Settings, limited, quantity, refuse
+from runout.config.design_table import DesignTable
+from runout.config.distributions import Discrete, Distribution, Settings, limited, quantity, refuse
 from runout.config.friction import ANGLE, KEY, FrictionSettings, OwnFriction, own_friction
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
@@ -37,8 +38,10 @@ from runout.config.quantities import (
 )
 from runout.config.release_start import START_TIME, START_VELOCITY, STARTS_WHEN, ArrivalSettings, Velocity
 from runout.config.remote import InputFile
+from runout.config.scenarios import ScenarioSettings
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
+from runout.errors import ConfigError
 from runout.forecast.accuracy import CHOICES, PRESETS
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import CFL, PARTICLES_PER_CELL, SMALLEST_NET
@@ -362,11 +365,84 @@ class EnsembleSettings(Settings):
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},
     )
+    scenarios: Annotated[list[ScenarioSettings], Field(min_length=1)] | None = quantity(
+        "classes of events with their annual rates, each with own members: name, one of return_period, annual_rate, "
+        "exceedance_return_period and power_law, and releases, parameters, members where they differ",
+        None,
+        examples=[[{"name": "rare", "return_period": 300.0, "parameters": {"release_volume_factor": 2.0}}]],
+    )
+    table: str | None = quantity(
+        "instead of members, parameters and scenarios: table (CSV) with a row a member; columns are parameters, weight, "
+        "annual_rate, scenario and seed",
+        None,
+        min_length=1,
+        examples=["inputs/members.csv"],
+    )
+    _rows: DesignTable | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _can_grow(self) -> "EnsembleSettings":
-        _raise_first(growth_conflicts(self.tolerance, self.members, list(self.parameters)))
+        if self.table is None:
+            _raise_first(growth_conflicts(self.tolerance, self.members, list(self.parameters)))
+        _raise_first(table_conflicts(self))
         return self
+
+    def with_rows(self, rows: DesignTable) -> "EnsembleSettings":
+        """The settings with the members that the table holds."""
+        settings = self.model_copy()
+        settings._rows = rows
+        return settings
+
+    @property
+    def rows(self) -> DesignTable | None:
+        """Members of the table; None without a table.
+
+        Raises
+        ------
+        ConfigError
+            If the table was not read: :func:`runout.config.read.load` does that.
+        """
+        if self.table is not None and self._rows is None:
+            raise ConfigError(f"ensemble.table: {self.table} was not read; read the site with runout.config.site.read_site")
+        return self._rows
+
+    @property
+    def size(self) -> int:
+        """Number of members of all scenarios, or of the table."""
+        if self.table is not None:
+            return self.rows.size  # type: ignore[union-attr]
+        return sum(one.members or self.members for one in self.scenarios) if self.scenarios else self.members
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether the members have annual rates."""
+        return bool(self.scenarios) or (self.rows is not None and "annual_rate" in self.rows.columns)
+
+    def sampled(self) -> list[dict[str, Distribution]]:
+        """Distributions of the parameters of each scenario, or of all members; of a table the values of each column."""
+        if self.scenarios:
+            return [{**self.parameters, **one.parameters} for one in self.scenarios]
+        return [dict(self.parameters)] if self.rows is None else _values_of(self.rows)
+
+
+def _values_of(rows: DesignTable) -> list[dict[str, Distribution]]:
+    """Values of the columns of a table as distributions: all of them, and those that state a value for every member."""
+    columns = {name: [value for value in values if value == value] for name, values in rows.parameters.items()}
+    every: dict[str, Distribution] = {name: _discrete(values) for name, values in columns.items() if values}
+    return [every, {name: one for name, one in every.items() if len(columns[name]) == rows.size}]
+
+
+def _discrete(values: list[float]) -> Discrete:
+    distinct = sorted(set(values))
+    return Discrete(distribution="discrete", values=distinct, frequencies=[1.0] * len(distinct))
+
+
+def table_conflicts(ensemble: "EnsembleSettings") -> Iterator[Conflict]:
+    """Keys of the ensemble that have no meaning with a table of members."""
+    if ensemble.table is not None:
+        for key in ("members", "tolerance", "parameters", "scenarios"):
+            if key in ensemble.model_fields_set and getattr(ensemble, key) is not None:
+                yield key, "the table states the members", "remove it, or the table"
 
 
 def growth_conflicts(tolerance: float | None, members: int, parameters: list[str]) -> Iterator[Conflict]:

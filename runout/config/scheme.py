@@ -1,4 +1,4 @@
-"""Schemes of danger classes: intensity in a cell, return periods, and the matrix of both. Those of runout are ``runout/schemes/*.yaml``.
+"""Schemes of danger classes: intensity in a cell, return periods, and the matrix of both; ``runout/schemes/*.yaml``.
 
 A class has criteria, of which any suffices; a criterion has thresholds that the flow reaches together. A cell has the strongest
 class that it reaches at a rate of 1/T or more, for each return period T. Each value states how its source was checked.
@@ -97,9 +97,8 @@ class _Criterion(Settings):
             strength = self.house_strength
             return f"pressure above {strength.force / 1e3:g} / (H ({strength.height:g} - H)) kPa at a thickness H in m"
         parts = [f"{ALL_QUANTITIES[name].extreme} of {_printed(name, least)} or more" for name, least in self.thresholds.items()]
-        return (
-            " and ".join(parts).replace("maximum ", "") + (" at one time" if len(parts) > 1 and self.at_once else "") or "reached"
-        )
+        at_once = " at one time" if len(parts) > 1 and self.at_once else ""
+        return " and ".join(parts).replace("maximum ", "") + at_once or "reached"
 
 
 def _printed(name: str, least: float) -> str:
@@ -142,10 +141,8 @@ class Risk(Settings):
     annual: Annotated[list[Annotated[float, Field(gt=0, lt=1)]], Field(min_length=1), AfterValidator(_falling)] = quantity(
         "levels of the individual risk, the largest first", unit="1/a"
     )
-    presence: Annotated[float, Field(gt=0, le=1)] | None = quantity("share of the time that the person most at risk is there", None)
-    vulnerability: Annotated[float, Field(gt=0, le=1)] | None = quantity(
-        "probability that this person dies if the flow arrives", None
-    )
+    presence: Annotated[float, Field(gt=0, le=1)] | None = quantity("share of time that the person most at risk is there", None)
+    vulnerability: Annotated[float, Field(gt=0, le=1)] | None = quantity("probability that they die if the flow arrives", None)
     checked: Checked = checked()
 
 
@@ -184,13 +181,14 @@ class Scheme(Settings):
         """Return periods [a]; of individual risk those at which the risk of being reached equals its levels."""
         if self.return_periods:
             return self.return_periods.years
-        assert self.risk and self.risk.presence and self.risk.vulnerability
-        return [self.risk.presence * self.risk.vulnerability / annual for annual in self.risk.annual]
+        risk = self.risk
+        assert risk is not None
+        return [(risk.presence or 1.0) * (risk.vulnerability or 1.0) / annual for annual in risk.annual]
 
     @property
     def states(self) -> list[str]:
         """How its values were checked, each state once."""
-        parts = (*self.classes, *self.levels, *filter(None, (self.return_periods, self.risk, self.matrix)))
+        parts: list[Any] = [*self.classes, *self.levels, *filter(None, (self.return_periods, self.risk, self.matrix))]
         return [state for state in CHECKED if state in {part.checked for part in parts}]
 
     def level_number(self, intensity: str, period: int) -> int:
@@ -202,7 +200,7 @@ class Scheme(Settings):
         """Sentences on how criteria were compared, where that is not as the scheme asks for."""
         criteria = [(one.name, criterion) for one in self.classes for criterion in one.when]
         texts = [
-            f"Class {name} ({criterion}): maxima of different times are compared, so that its area is too large rather than too small."
+            f"Class {name} ({criterion}): maxima of different times are compared; its area is too large rather than too small."
             for name, criterion in criteria
             if not criterion.at_once
         ]
@@ -298,7 +296,8 @@ def _unmet(document: Document, place: Location, stated: str, scheme: Scheme) -> 
 
 def _contradictions(scheme: Scheme) -> Iterator[tuple[Location, str, str]]:
     """Settings that contradict each other: location, message, remedy."""
-    for key, entries in (("classes", scheme.classes), ("levels", scheme.levels)):
+    named: dict[str, Any] = {"classes": scheme.classes, "levels": scheme.levels}
+    for key, entries in named.items():
         for (_, first), (k, other) in combinations(enumerate(entries), 2):
             if first.name == other.name:
                 yield (key, k, "name"), f"the name {other.name!r} stands twice in {key}", "give each its own name"

@@ -159,7 +159,7 @@ class Site:
         ----------
         sample : mapping of str to float, optional
             Sampled parameters by the names and in the units of site.yaml. A whole row of the table of members is
-            accepted: ``seed`` becomes the seed, ``weight`` and ``file`` are left out.
+            accepted: ``seed`` becomes the seed; ``weight``, ``annual_rate``, ``scenario`` and ``file`` are left out.
         """
         return of_members.member_arguments(self.settings, self.data(), sample)
 

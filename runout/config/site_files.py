@@ -58,9 +58,10 @@ PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, b
     "observations": tuple(("observations", name, key) for name, (key, _) in READERS.items()),
     "protected": (("structures", EACH, "protects"),),  # areas behind dams
     "scheme": (("hazard", "scheme"),),
+    "design": (("ensemble", "table"),),
 }
 OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed", "inflows")  # parts that members depend on
-OF_PRODUCTS = ("observations", "protected", "scheme")
+OF_PRODUCTS = ("observations", "protected", "scheme", "design")
 
 
 def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:

@@ -1,12 +1,20 @@
-"""Table of members: scrambled Sobol points, mapped by the inverse distribution of every sampled parameter."""
+"""Table of members: scrambled Sobol points, mapped by the inverse distribution of every sampled parameter.
 
+An ensemble with scenarios has a net of points for each. A member has its share of the annual rate of its scenario, and its share of
+the rate of all scenarios as weight.
+"""
+
+import math
+import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.friction import OF_RELEASE
+from runout.config.scenarios import FAILS, scenario_rates
 from runout.errors import ConfigError
 from runout.forecast import engine_notes
 from runout.io import source_code
@@ -28,20 +36,32 @@ class Design:
     Attributes
     ----------
     values : dict of str to list of float
-        Values (members,) of each sampled parameter, in the unit of ``site.yaml``. Without parameters the members differ in their
-        seed only.
+        Values (members,) of each sampled parameter, in the unit of ``site.yaml``; NaN for that of the site. Without parameters the
+        members differ in their seed only.
     seeds : list of int
         Seeds (members,) of the particle sampling, 0 to 2**31 - 1.
+    weights : list of float
+        Weights (members,) of a sum of 1; empty if they are equal.
+    rates : list of float
+        Annual rates (members,) [1/a]; empty if they are not known.
+    scenarios : list of str
+        Names (members,) of their scenarios; empty without scenarios.
+    nets : bool
+        Whether the members of each scenario, or all without scenarios, are points of a Sobol net.
     """
 
     values: dict[str, list[float]]
     seeds: list[int]
+    weights: list[float] = field(default_factory=list)
+    rates: list[float] = field(default_factory=list)
+    scenarios: list[str] = field(default_factory=list)
+    nets: bool = True
 
     @classmethod
     def of(cls, ensemble: Any, members: int | None = None) -> "Design":
-        """The design that ``members`` (number), ``seed`` and ``parameters`` (name to distribution) of ``site.yaml`` make.
+        """The design that ``members``, ``seed``, ``parameters``, ``scenarios`` or ``table`` of ``site.yaml`` make.
 
-        ``members`` takes the place of the number that ``site.yaml`` states.
+        ``members`` takes the place of the number that ``site.yaml`` states, of ensembles without scenarios and table.
 
         Raises
         ------
@@ -51,7 +71,17 @@ class Design:
         count, parameters = members or ensemble.members, dict(ensemble.parameters or {})
         if count < 1:
             raise ConfigError(f"ensemble.members is {count}; at least 1 is needed")
+        if getattr(ensemble, "scenarios", None):
+            return _of_scenarios(ensemble)
+        if getattr(ensemble, "table", None):
+            return _of_table(ensemble)
         return cls(_sampled(parameters, count, ensemble.seed), [member_seed(ensemble.seed, i) for i in range(count)])
+
+    def samples(self) -> list[dict[str, float]]:
+        """Parameters of each member, without those for which it has the value of the site."""
+        rows = zip(*self.values.values(), strict=True) if self.values else ((),) * len(self.seeds)
+        members = [zip(self.values, map(float, row), strict=True) for row in rows]
+        return [{name: value for name, value in member if not math.isnan(value)} for member in members]
 
 
 def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
@@ -61,7 +91,8 @@ def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         Indexed by ``member`` from 0: one column per parameter in the unit of ``site.yaml``, ``weight`` [1] (they sum
-        to 1) and ``seed`` of the particle sampling. ``attrs["design"]`` is "sobol" where parameters are sampled.
+        to 1) and ``seed`` of the particle sampling; ``annual_rate`` [1/a] and ``scenario`` where they are known.
+        ``attrs["design"]`` is "sobol" where parameters are sampled by a net, of each scenario if there are some.
 
     Raises
     ------
@@ -73,11 +104,57 @@ def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
     design = Design.of(ensemble, members)
     count = len(design.seeds)
     table = pd.DataFrame(design.values, index=pd.RangeIndex(count, name="member"))
-    table["weight"] = 1.0 / count
+    table["weight"] = design.weights or 1.0 / count
+    for column, stated in {"annual_rate": design.rates, "scenario": design.scenarios}.items():
+        if stated:
+            table[column] = stated
     table["seed"] = design.seeds
-    if design.values:
+    if design.values and design.nets:
         table.attrs["design"] = "sobol"
     return table
+
+
+def _of_scenarios(ensemble: Any) -> Design:
+    """Members of one scenario after the other; a scenario with more members keeps the first ones."""
+    rates, total = scenario_rates(ensemble.scenarios), math.fsum(scenario_rates(ensemble.scenarios))
+    sources = list(dict.fromkeys(name for one in ensemble.scenarios for name in one.releases or ()))
+    blocks, weights, of_members, names, seeds = [], [], [], [], []
+    for scenario, rate in zip(ensemble.scenarios, rates, strict=True):
+        count, seed = scenario.members or ensemble.members, scenario_seed(ensemble.seed, scenario.name)
+        blocks.append((count, _of_scenario(ensemble, scenario, count, seed, sources)))
+        weights += [rate / total / count] * count
+        of_members += [rate / count] * count
+        names += [scenario.name] * count
+        seeds += [member_seed(seed, k) for k in range(count)]
+    columns = dict.fromkeys(name for _, block in blocks for name in block)
+    values = {name: [v for count, block in blocks for v in block.get(name, [math.nan] * count)] for name in columns}
+    return Design(values, seeds, weights, of_members, names)
+
+
+def _of_scenario(ensemble: Any, scenario: Any, count: int, seed: int, sources: list[str]) -> dict[str, list[float]]:
+    """Values (count,) of the parameters of a scenario, and which of the ``sources`` fail; all fail where it names none."""
+    stated = {**ensemble.parameters, **scenario.parameters}
+    fixed = {name: one for name, one in stated.items() if one.distribution == "discrete" and len(one.values) == 1}
+    drawn = _sampled({name: one for name, one in stated.items() if name not in fixed}, count, seed)
+    values = {name: [float(fixed[name].values[0])] * count if name in fixed else drawn[name] for name in stated}
+    if scenario.releases:
+        values |= {name + OF_RELEASE + FAILS: [float(name in scenario.releases)] * count for name in sources}
+    return values
+
+
+def scenario_seed(seed: int, name: str) -> int:
+    """Seed of the net and of the members of a scenario: other scenarios do not change them."""
+    return member_seed(seed, zlib.crc32(name.encode()))
+
+
+def _of_table(ensemble: Any) -> Design:
+    """Members as the table of the user states them; its rates set the weights."""
+    rows = ensemble.rows
+    weights, rates = rows.columns.get("weight", []), rows.columns.get("annual_rate", [])
+    shares = rates or weights
+    seeds = [int(seed) for seed in rows.columns.get("seed", [])] or [member_seed(ensemble.seed, k) for k in range(rows.size)]
+    total = math.fsum(shares)
+    return Design(rows.parameters, seeds, [share / total for share in shares], rates, rows.scenarios, nets=False)
 
 
 def _sampled(parameters: Mapping[str, Any], count: int, seed: int) -> dict[str, list[float]]:

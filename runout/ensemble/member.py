@@ -86,12 +86,10 @@ def plan_members(site: "Site") -> list[Member]:
         If an input file cannot be read.
     """
     design = Design.of(site.settings.ensemble)
-    common, names = _common_key(site), list(design.values)
-    samples = [dict(zip(names, map(float, row), strict=True)) for row in zip(*design.values.values(), strict=True)]
-    samples = samples or [{} for _ in design.seeds]
+    common = _common_key(site)
     return [
         Member(i, p, s, checksum({"site": common, "parameters": p, "seed": s}))
-        for i, (p, s) in enumerate(zip(samples, design.seeds, strict=True))
+        for i, (p, s) in enumerate(zip(design.samples(), design.seeds, strict=True))
     ]
 
 

@@ -1,7 +1,7 @@
 """Classes of intensity at return periods and levels of danger, after a scheme (:mod:`runout.config.scheme`).
 
-Each member has a class in each cell: the strongest of which it meets a criterion. At a return period T a cell has the strongest class
-that is reached at an annual rate of 1/T or more. Its level of danger is the highest that the matrix has for these classes.
+Each member has a class in each cell: the strongest of which it meets a criterion. At a return period T a cell has the strongest
+class that is reached at an annual rate of 1/T or more. Its level of danger is the highest that the matrix has for these classes.
 """
 
 import json
@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.scheme import Scheme, read_scheme
-from runout.hazard.frequency import Frequencies, at_return_period, require_frequencies
+from runout.errors import ConfigError
+from runout.hazard.frequency import Frequencies, at_return_period
 from runout.hazard.style import class_colours
 from runout.io import netcdf
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from runout.config.site import Site
-    from runout.hazard.members import Ensemble
 
 INTENSITY, LEVEL, PERIOD = "intensity_class", "danger_level", "class_return_period"
 UNKNOWN = 255
@@ -48,7 +48,7 @@ class DangerClasses:
     has_bed: bool = False
 
     @classmethod
-    def of(cls, site: "Site", ensemble: "Ensemble") -> "DangerClasses | None":
+    def of(cls, site: "Site", frequencies: Frequencies | None) -> "DangerClasses | None":
         """Classes of a site; None if it states no scheme.
 
         Raises
@@ -60,9 +60,11 @@ class DangerClasses:
         if not settings.scheme:
             return None
         scheme = read_scheme(settings.scheme, site.folder)
-        frequencies = Frequencies.of(ensemble.table, ensemble.files)
-        require_frequencies(frequencies, [f"hazard.scheme {settings.scheme}"])
-        assert frequencies
+        if frequencies is None:
+            raise ConfigError(
+                f"hazard.scheme {settings.scheme}: the members have no annual rates, and the fraction of an ensemble is not an "
+                "annual probability; state ensemble.scenarios with return_period or annual_rate"
+            )
         return cls(scheme, frequencies.rate, min(settings.thickness_thresholds), bool(getattr(site.settings, "bed", None)))
 
     @property
@@ -96,10 +98,11 @@ class DangerClasses:
         ``members`` are the places of the rows of ``classes`` among the rates; the others have the class 0.
         """
         rate, values = self.rate[members], classes.astype(np.float32)
+        ever = np.asarray((classes[rate > 0] > 0).any(axis=0))
         at_each = [np.nan_to_num(at_return_period(values, rate, years)).astype(np.uint8) for years in self.scheme.years]
         maps = {INTENSITY: np.stack(at_each)}
         if self.scheme.matrix:
-            maps[LEVEL] = self._level(maps[INTENSITY], (classes[rate > 0] > 0).any(axis=0))
+            maps[LEVEL] = self._level(maps[INTENSITY], ever)
         return maps
 
     def _level(self, intensity: np.ndarray, ever: np.ndarray) -> np.ndarray:
@@ -126,9 +129,7 @@ class DangerClasses:
             "return_periods": {"years": scheme.years, "checked": periods.checked if periods else ""},
             "remarks": scheme.remarks(self.has_bed),
             "classes": [
-                _entry(
-                    number, one.name, colour, one.checked, " or ".join(map(str, one.when)) + (f"; {one.note}" if one.note else "")
-                )
+                _entry(number, one.name, colour, one.checked, "; ".join(filter(None, (" or ".join(map(str, one.when)), one.note))))
                 for number, (one, colour) in enumerate(zip(scheme.classes, colours, strict=True), 1)
             ],
             "levels": [

@@ -16,9 +16,10 @@ from numpy.typing import DTypeLike
 
 from runout.errors import StorageError
 from runout.hazard.danger import INTENSITY, LEVEL, DangerClasses
+from runout.hazard.frequency import Frequencies, annual_exceedance, at_return_period
 from runout.hazard.joint import Condition, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
-from runout.hazard.sampling import Estimator, independent, rms
+from runout.hazard.sampling import Estimator, Strata, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
@@ -63,7 +64,9 @@ def aggregate(
     percentiles: Sequence[float],
     *,
     joint: Sequence[Condition] = (),
-    estimator: Estimator = INDEPENDENT,
+    estimator: Estimator | Strata = INDEPENDENT,
+    frequencies: Frequencies | None = None,
+    return_periods: Sequence[float] = (),
     danger: DangerClasses | None = None,
     memory_bytes: int = MEMORY_BYTES,
     folder: Path | None = None,
@@ -75,7 +78,8 @@ def aggregate(
     Probability is the summed weight of the members whose maximum reaches the threshold, with the standard error of
     ``estimator``; a percentile is the smallest value at which the summed weight reaches it. A cell that any member leaves
     undefined (NaN) is undefined. Members that do not arrive count as infinity in percentiles of the arrival time, which are NaN
-    where they are infinite.
+    where they are infinite. Annual rates and values at return periods exist with ``frequencies`` only
+    (:mod:`runout.hazard.frequency`).
 
     Parameters
     ----------
@@ -92,6 +96,10 @@ def aggregate(
         Thresholds by quantity that the maxima of a member have to reach together, each at its own time.
     estimator : Estimator
         Estimator of the standard errors. Its blocks need members of equal weights in the order of the net.
+    frequencies : Frequencies, optional
+        Annual rates of the members, in the same order.
+    return_periods : sequence of float
+        Return periods [a] of maps of the values; they need ``frequencies``.
     danger : DangerClasses, optional
         Classes of intensity and levels of danger, for rates of the members in their order.
     memory_bytes : int
@@ -106,9 +114,12 @@ def aggregate(
     StorageError
         If a member's file cannot be read, lacks a map, or lies on another grid than the first, or the disk is full.
     ValueError
-        If there are no members, the weights do not fit, there is no threshold of thickness, or a joint condition is invalid.
+        If there are no members, the weights do not fit, there is no threshold of thickness, a joint condition is invalid, or
+        return periods are asked for without annual rates.
     """
     require_conditions(joint)
+    if len(return_periods) and frequencies is None:
+        raise ValueError("return periods need annual rates of the members; state ensemble.scenarios")
     if len(thresholds.get("thickness", ())) == 0:
         raise ValueError("no threshold of the flow thickness is given; inundation needs one, for example 0.1 m")
     w = normalised(weights, len(members))
@@ -123,7 +134,9 @@ def aggregate(
                     place = folder or Path(path).parent
                     store = stack.enter_context(TileStore(place, len(quantities) + 1, side**2, memory_bytes // 4))
                     empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
-                    maps = _Maps(empty if danger is None else danger.add_to(empty), w, store, side, estimator, danger)
+                    if frequencies is not None:
+                        empty = with_annual_maps(empty, return_periods, quantities)
+                    maps = _Maps(empty if danger is None else danger.add_to(empty), w, store, side, estimator, frequencies, danger)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
@@ -174,16 +187,19 @@ class _Maps:
         Values of the quantities in the order of the table, then of the arrival.
     side : int
         Cells along a side of a tile.
-    estimator : Estimator
+    estimator : Estimator or Strata
         Estimator of the standard errors.
+    frequencies : Frequencies, optional
+        Annual rates of the members.
     danger : DangerClasses, optional
         Classes of intensity and levels of danger.
     """
 
     def __init__(
-        self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator,
-        danger: DangerClasses | None = None,
+        self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator | Strata,
+        frequencies: Frequencies | None = None, danger: DangerClasses | None = None,
     ):  # fmt: skip
+        self.frequencies = frequencies
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
         self.danger = danger
         self.joint = conditions_of(dataset)
@@ -238,6 +254,7 @@ class _Maps:
         """Exceedance, percentiles and extremes from values (cells, members) in ascending order of the members."""
         limits = self.limits[quantity.name]
         spread = self.estimator.spread(unsorted, members, len(self.weights), limits)
+        self._put_annual(tile, quantity, unsorted, members)
         values = CellValues(unsorted, members, self.weights)
         if quantity.percentile:
             self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
@@ -249,6 +266,17 @@ class _Maps:
                 self._put(tile, "inundation_probability", p)
                 self._put(tile, "members_reached", np.where(values.peak > 0, values.count(limit), 0))
         self._put(tile, quantity.peak, np.where(np.isnan(self._cells(tile, quantity.peak)), np.nan, values.peak))
+
+    def _put_annual(self, tile: int, quantity: MapQuantity, unsorted: np.ndarray, members: np.ndarray) -> None:
+        """Annual rates of exceedance and values at return periods; members that have no values here do not count."""
+        if self.frequencies is None:
+            return
+        values, rate = unsorted.T, self.frequencies.rate[members]
+        for k, limit in enumerate(self.limits[quantity.name]):
+            self._put(tile, quantity.annual_exceedance, annual_exceedance(values, limit, rate), k)
+        if quantity.at_return_period in self.maps:
+            for k, years in enumerate(self.dataset["return_period"].values):
+                self._put(tile, quantity.at_return_period, at_return_period(values, rate, years), k)
 
     def _put_change(self, tile: int, members: np.ndarray) -> None:
         """Percentiles of a map with values of both signs: members that have none here have 0, between the others."""
@@ -267,6 +295,9 @@ class _Maps:
             met &= self.store.values_of(tile, places[name]) >= np.float32(limit)
         unsorted, one = met.astype(np.float32), np.ones(1, np.float32)
         spread = self.estimator.spread(unsorted, members, len(self.weights), one)
+        if self.frequencies is not None:
+            rate = annual_exceedance(unsorted.T, one[0], self.frequencies.rate[members])
+            self._put(tile, "joint_annual_exceedance", rate, index)
         values = CellValues(unsorted, members, self.weights)
         self._put_exceedance(tile, "joint", index, values, one[0], None if spread is None else spread[0])
 
@@ -302,14 +333,15 @@ class _Maps:
         undefined = {name: np.isnan(self.maps[quantity.peak]) for name, quantity in self.quantities.items()}
         for name, quantity in self.quantities.items():
             of_some = ("inundation_probability", "members_reached") if name == "thickness" else ()
-            for product in (*map(quantity.exceedance, _KINDS), quantity.percentile, quantity.mean, *of_some):
+            annual = quantity.annual_exceedance, quantity.at_return_period
+            for product in (*map(quantity.exceedance, _KINDS), quantity.percentile, quantity.mean, *annual, *of_some):
                 self._undefine(product, undefined[name])
             if quantity.part_of:
                 self._undefine(f"{quantity.part_of}_percentile", undefined[name])
         for k, condition in enumerate(self.joint):
             unknown = np.any([undefined[name] for name in condition], axis=0)
-            for kind in _KINDS:
-                self._undefine(f"joint_exceedance_{kind}", unknown, k)
+            for product in (*(f"joint_exceedance_{kind}" for kind in _KINDS), "joint_annual_exceedance"):
+                self._undefine(product, unknown, k)
         if self.danger:
             unknown = np.any([undefined[name] for name in self.danger.quantities if name in undefined], axis=0)
             for name in (INTENSITY, LEVEL):
@@ -374,6 +406,23 @@ def empty_maps(
         netcdf.add_map(dataset, name, zeros_by_page(layers_of_percentiles, np.float32), ("percentile",))
     netcdf.add_map(dataset, ARRIVAL_PERCENTILE, np.full(layers_of_percentiles, np.nan, np.float32), ("percentile",))
     dataset["effective_sample_size"] = effective_sample_size(weights)
+    return dataset
+
+
+def with_annual_maps(
+    dataset: "xr.Dataset", return_periods: Sequence[float], quantities: Mapping[str, MapQuantity] = QUANTITIES
+) -> "xr.Dataset":
+    """The maps of :func:`empty_maps` with those of annual rates at zero, and values at return periods that nothing reaches."""
+    shape = (dataset.sizes["y"], dataset.sizes["x"])
+    names = {q.annual_exceedance: q.threshold for q in quantities.values()} | {"joint_annual_exceedance": "joint"}
+    for name, dimension in names.items():
+        if dimension in dataset.coords:
+            netcdf.add_map(dataset, name, zeros_by_page((dataset.sizes[dimension], *shape), np.float32), (dimension,))
+    if len(return_periods):
+        dataset = dataset.assign_coords(return_period=np.unique(np.asarray(return_periods, np.float64)))
+        for name in filter(None, (q.at_return_period for q in quantities.values())):
+            nowhere = np.full((dataset.sizes["return_period"], *shape), np.nan, np.float32)
+            netcdf.add_map(dataset, name, nowhere, ("return_period",))
     return dataset
 
 

@@ -5,11 +5,13 @@ period T is the largest one that is reached at a rate of 1/T or more. Rates are 
 probability of at least one event in a year is 1 - exp(-rate), which is nearly the rate where that is small.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from runout.errors import PartialEnsembleError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +51,10 @@ class Frequencies:
         totals = {name: float(rate[[other == name for other in names]].sum()) for name in dict.fromkeys(names)}
         return cls(rate, tuple(names), totals)
 
+    def statement(self) -> str:
+        """Scenarios with their annual rates, as text."""
+        return "; ".join(f"{name or 'all members'}: {rate:.6g} events a year" for name, rate in self.scenario_rates.items())
+
     @property
     def total(self) -> float:
         """Rate at which any scenario happens [1/a]."""
@@ -63,14 +69,21 @@ def scenarios_of(table: "pd.DataFrame") -> np.ndarray:
 def shares(table: "pd.DataFrame", column: str, valid: Collection[int]) -> np.ndarray:
     """Values (members,) of a column of weights or rates of the ``valid`` members, which keep the sum of each scenario.
 
-    A scenario without a valid member is lost; :meth:`runout.hazard.members.Ensemble.require_scenarios` refuses it.
+    Raises
+    ------
+    PartialEnsembleError
+        If no member of a scenario is valid, so that its events would be missing in all maps.
     """
     values, names, counts = table[column].to_numpy(np.float64), scenarios_of(table), table.index.isin(list(valid))
     scaled = values.copy()
     for name in dict.fromkeys(names):
         of_scenario = names == name
         lasting = values[of_scenario & counts].sum()
-        if not counts[of_scenario].all() and lasting > 0:
+        if lasting == 0.0:
+            raise PartialEnsembleError(
+                f"scenario {name}: no member is valid, so that the maps would be without its events; mend the cause"
+            )
+        if not counts[of_scenario].all():
             scaled[of_scenario] *= values[of_scenario].sum() / lasting
     return scaled[counts]
 
@@ -123,14 +136,3 @@ def _parts(members: int, cells: int) -> Iterator[slice]:
     """Parts of the cells that bound the memory of a sort."""
     size = max(1, _VALUES // max(1, members))
     return (slice(first, first + size) for first in range(0, cells, size))
-
-
-def require_frequencies(frequencies: Frequencies | None, asked: Sequence[str]) -> None:
-    """Raise ConfigError if products that need annual rates are asked for without them."""
-    from runout.errors import ConfigError
-
-    if frequencies is None and asked:
-        raise ConfigError(
-            f"{', '.join(asked)}: the ensemble has no annual rates, so that its probabilities are conditional on the release; "
-            "state ensemble.scenarios with return_period or annual_rate, or ensemble.table with a column annual_rate"
-        )

@@ -53,6 +53,7 @@ OWN_MAP = re.compile(rf"({'|'.join(VARIABLES)})((_over)?({_VALUE})?|{_JOINT})\.(
 BED_SUMMARIES = (*(name for q in BED_QUANTITIES.values() for name in (q.mean, q.peak) if name), *BED_MEANS)
 PERCENTILES = (*(q.percentile for q in ALL_QUANTITIES.values() if q.percentile), CHANGE_PERCENTILE, ARRIVAL_PERCENTILE)
 _KINDS = ("probability", "standard_error")
+JOINT_KINDS = (*(f"exceedance_{kind}" for kind in _KINDS), "annual_exceedance")
 
 
 def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float]]]:
@@ -66,10 +67,19 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
         for name in map(quantity.exceedance, _KINDS):
             for value in hazard[quantity.threshold].values if quantity.threshold in hazard.coords else ():
                 yield f"{name}_over_{_stem(quantity, value)}", name, {quantity.threshold: float(value)}
-    for kind in _KINDS:
+        for value in hazard[quantity.threshold].values if quantity.annual_exceedance in hazard else ():
+            yield (
+                f"{quantity.annual_exceedance}_over_{_stem(quantity, value)}",
+                quantity.annual_exceedance,
+                {quantity.threshold: float(value)},
+            )
+        for years in hazard["return_period"].values if quantity.at_return_period in hazard else ():
+            yield f"{quantity.at_return_period}_{years:g}", quantity.at_return_period, {"return_period": float(years)}
+    for kind in JOINT_KINDS:
         for number, condition in enumerate(conditions_of(hazard), 1):
             of = "_".join(f"{name}_{_stem(ALL_QUANTITIES[name], limit)}" for name, limit in condition.items())
-            yield f"joint_exceedance_{kind}_{of}", f"joint_exceedance_{kind}", {"joint": number}
+            if f"joint_{kind}" in hazard:
+                yield f"joint_{kind}_{of}", f"joint_{kind}", {"joint": number}
     for years in hazard[PERIOD].values if INTENSITY in hazard else ():
         yield f"{INTENSITY}_{years:g}", INTENSITY, {PERIOD: float(years)}
     if LEVEL in hazard:

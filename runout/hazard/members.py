@@ -12,6 +12,7 @@ import numpy as np
 from runout.config.parameter_variables import parameter_variable
 from runout.ensemble.member import failure_file, members_folder
 from runout.errors import StorageError
+from runout.hazard.frequency import Frequencies, shares
 from runout.io import netcdf
 from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_coordinates
@@ -77,9 +78,17 @@ class Ensemble:
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights of the valid members, of sum 1."""
+        """Weights of the valid members, of sum 1; valid members of a scenario take over the weights of its others."""
+        if "scenario" in self.table:
+            scaled = shares(self.table, "weight", self.files)
+            return scaled / scaled.sum()
         w = self.table.loc[list(self.files), "weight"].to_numpy(np.float64)
         return w / w.sum()
+
+    @property
+    def frequencies(self) -> Frequencies | None:
+        """Annual rates of the valid members; None for an ensemble without rates."""
+        return Frequencies.of(self.table, self.files)
 
     def statement(self) -> str:
         """How many members the maps rest on, and why others do not count."""
@@ -88,7 +97,8 @@ class Ensemble:
             text += f"; {len(self.failed)} failed: " + "; ".join(f"member {m}: {reason}" for m, reason in self.failed.items())
         if self.missing:
             text += f"; {len(self.missing)} have not run: {', '.join(map(str, self.missing))}"
-        text += "; the weights of the valid members are scaled to a sum of 1" if self.failed or self.missing else ""
+        to = "the weight of each scenario" if "scenario" in self.table else "a sum of 1"
+        text += f"; the weights of the valid members are scaled to {to}" if self.failed or self.missing else ""
         return f"{text}; {self.growth}" if self.growth else text
 
     def counts(self) -> dict[str, int]:

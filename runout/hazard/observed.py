@@ -1,5 +1,6 @@
 """Scores of an ensemble and of its members against the observations of a site, and maps of both together."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.member_arguments import failing
+from runout.config.scenarios import FAILS
 from runout.errors import StorageError
 from runout.forecast.numerical_error import read_convergence
 from runout.hazard.members import Ensemble
@@ -108,8 +111,10 @@ def scored(
     for (member, path), weight in zip(ensemble.files.items(), ensemble.weights, strict=True):
         flow, change, waited = _flow(path, observed)
         if change is None:
-            factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
-            started = [release for release in releases if release.name not in waited]
+            stated = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
+            factor = 1.0 if math.isnan(stated) else stated
+            sample = {str(name): value for name, value in ensemble.table.loc[member].items() if str(name).endswith(FAILS)}
+            started = [release for release in failing(releases, sample) if release.name not in waited]
             change = elevation_change(flow.maps["deposit"], removed(started, factor))
         means.add(flow, change, float(weight), observed, setting.thresholds)
         assessment = against_observations(flow, observed, setting, change)

@@ -18,6 +18,7 @@ _ZONE = "#22282f"
 _OBSERVED = "#0b4fae"
 _STRUCTURE = "#3f4750"
 _PROBE = "#7a1fa2"
+_RATE = "#8c1a4b"
 _WATER = "#1f78b4"
 _BASELINE = "#b8460e"
 _STEP = "#d7263d"
@@ -44,6 +45,7 @@ def outline_styles() -> dict[str, str]:
         "observed_outline": one_symbol(FILL, _outline(_OBSERVED, "0.7"), "'observed ' || \"shows\"", _OBSERVED),
         "gauges": one_symbol(MARKER, {"color": _OBSERVED, "name": "triangle", "size": "3"}, '"label"', _OBSERVED),
         "thalweg": one_symbol(LINE, {"line_color": _OBSERVED, "line_width": "0.5", "line_style": "dash"}),
+        "return_periods": one_symbol(FILL, _outline(_RATE, "0.5"), "\"return_period_a\" || ' a'", _RATE),
         "probes": one_symbol(MARKER, {"color": _PROBE, "name": "circle"}, '"name"', _PROBE),
         "cross_sections": one_symbol(LINE, {"line_color": _PROBE, "line_width": "0.7"}, '"name"', _PROBE),
     }

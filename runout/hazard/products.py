@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from runout.config.hazard import RETURN_PERIODS
 from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
-from runout.errors import PartialEnsembleError, StorageError
+from runout.errors import ConfigError, PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import writers
 from runout.hazard.bed_maps import BedMaps
 from runout.hazard.danger import DangerClasses
 from runout.hazard.exceedance import aggregate, stated_thresholds
+from runout.hazard.frequency import Frequencies
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
@@ -173,14 +175,31 @@ def hazard_dataset(
     estimator = Estimator.of(ensemble.table, ensemble.files)
     thresholds = stated_thresholds(settings, bed=getattr(site.settings, "bed", None) is not None)
     joint = stated_conditions(settings)
-    danger = DangerClasses.of(site, ensemble)
+    frequencies = ensemble.frequencies
     over_members = aggregate(
-        files, ensemble.weights, thresholds, settings.percentiles, joint=joint, estimator=estimator, danger=danger, folder=folder,
+        files,
+        ensemble.weights,
+        thresholds,
+        settings.percentiles,
+        joint=joint,
+        estimator=estimator,
+        frequencies=frequencies,
+        return_periods=_return_periods(settings, frequencies),
+        danger=DangerClasses.of(site, frequencies),
+        folder=folder,
         each=each,
-    )  # fmt: skip
+    )
     if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
         raise StorageError(f"{files[0]}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
     return dataset.merge(over_members, join="exact", compat="override", combine_attrs="override").assign(ensemble.counts())
+
+
+def _return_periods(settings: Any, frequencies: Frequencies | None) -> Sequence[float]:
+    """Return periods [a] of the maps: none without annual rates, unless they are asked for, which is refused."""
+    stated: Sequence[float] | None = getattr(settings, "return_periods", None)
+    if frequencies is None and stated is not None:
+        raise ConfigError("hazard.return_periods: the ensemble has no annual rates; state ensemble.scenarios, or remove the key")
+    return () if frequencies is None else RETURN_PERIODS if stated is None else stated
 
 
 def ground_slope(terrain: Terrain) -> np.ndarray:
@@ -225,6 +244,8 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
         spacing = spacing_of(origin["configuration"]["simulation"]["cell_size"])
         origin["inflows"] = [{"name": one.name, **one.record(), "statement": one.statement(spacing)} for one in inflows]
     state |= {"growth": ensemble.growth} if ensemble.growth else {}
+    if ensemble.frequencies is not None:
+        state |= {"annual_rates": dict(ensemble.frequencies.scenario_rates)}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
 
 
@@ -238,11 +259,12 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
         "id": f"{site.name}-{checksum[:16]}",
         "summary": f"{description} ".lstrip()
         + "Hazard maps of a gravitational mass movement from an ensemble of three-dimensional material point simulations. "
-        "Probabilities are conditional on the release and on the stated distributions of the parameters.",
+        f"Probabilities are conditional on {_given(ensemble)} and on the stated distributions of the parameters.",
         "processing_level": "maps over the members of an ensemble of simulations",
         "history": f"{origin['created']} {origin['command']} (runout {origin['runout']})",
         "site": site.name,
         "ensemble": ensemble.statement(),
+        **({"scenarios": ensemble.frequencies.statement()} if ensemble.frequencies else {}),
         "seed": np.int64(origin["seed"] or 0),
         "configuration_sha256": checksum,
         "inputs": json.dumps(origin["inputs"]),
@@ -251,6 +273,11 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
         "ground_filter_half_width": np.array(half_width(_spacing(origin))),
         "command": origin["command"],
     } | (changes | study_attributes(stated_metadata(site)))
+
+
+def _given(ensemble: Ensemble) -> str:
+    """What conditional probabilities suppose."""
+    return "one of the scenarios to happen" if ensemble.frequencies else "the release"
 
 
 def stated_metadata(site: "Site") -> dict[str, str]:

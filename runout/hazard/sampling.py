@@ -1,13 +1,14 @@
 """Sampling error of probabilities: from the spread over parts of one Sobol net, or from weights alone."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.hazard.frequency import scenarios_of, shares
 from runout.hazard.order import effective_sample_size, equal
 from runout.model.limits import SMALLEST_NET
 
@@ -43,8 +44,10 @@ class Estimator:
     reason: str = "the members are not known to be a Sobol net"
 
     @classmethod
-    def of(cls, table: "pd.DataFrame", valid: Collection[object]) -> "Estimator":
+    def of(cls, table: "pd.DataFrame", valid: Collection[Any]) -> "Estimator | Strata":
         """The estimator for valid members of a table, in its order; :func:`runout.ensemble.design.member_table` marks its nets."""
+        if "scenario" in table:
+            return Strata.of(table, valid)
         reason = no_net(table, valid)
         return cls(0, reason) if reason else cls(BLOCKS, "")
 
@@ -79,6 +82,83 @@ class Estimator:
                 of_block = [(values[:, a:b] >= limit).sum(axis=1) / size for a, b in pairwise(ends)]
                 errors[k] = np.std(of_block, axis=0, ddof=1) / np.sqrt(self.blocks)
         return errors
+
+
+@dataclass(frozen=True)
+class Strata:
+    """Estimator of the standard error of a probability over scenarios, whose members are drawn for themselves.
+
+    P is the sum of the shares f_s of the rate times the probabilities P_s of the scenarios; their errors are independent:
+    s^2 = sum(f_s^2 s_s^2). The error s_s of a scenario is that of blocks of its net (:class:`Estimator`) or of
+    independent members.
+
+    References
+    ----------
+    Cochran W.G. (1977), Sampling Techniques, 3rd ed., eq. 5.7 (variance of a stratified estimate).
+
+    Attributes
+    ----------
+    names : tuple of str
+        Scenarios.
+    places : tuple of ndarray
+        Places of the members of each among the valid ones.
+    weights : ndarray (members,)
+        Weights of the valid members, of sum 1.
+    blocks : tuple of int
+        Blocks of the net of each scenario; 0: its members count as independent.
+    reason : str
+        Empty: the statement names the scenarios without blocks.
+    """
+
+    names: tuple[str, ...]
+    places: tuple[np.ndarray, ...]
+    weights: np.ndarray
+    blocks: tuple[int, ...]
+    reason: str = ""
+
+    @classmethod
+    def of(cls, table: "pd.DataFrame", valid: Collection[int]) -> "Strata":
+        """The estimator for valid members of a table with scenarios."""
+        names, weights = scenarios_of(table), shares(table, "weight", valid)
+        scenarios = tuple(dict.fromkeys(names))
+        lasting = names[table.index.isin(list(valid))]
+        places = tuple(np.flatnonzero(lasting == name) for name in scenarios)
+        nets = [
+            _has_net(table.attrs, weights[place], int((names == name).sum())) for name, place in zip(scenarios, places, strict=True)
+        ]
+        return cls(tuple(map(str, scenarios)), places, weights / weights.sum(), tuple(BLOCKS if net else 0 for net in nets))
+
+    def statement(self, members: int) -> str:
+        """Formula, for the attributes of a map of so many members."""
+        nets = [name for name, blocks in zip(self.names, self.blocks, strict=True) if blocks]
+        others = [name for name in self.names if name not in nets]
+        parts = [f"that of the spread over {BLOCKS} blocks of the net of each of {', '.join(nets)}"] if nets else []
+        parts += [f"that of independent members of each of {', '.join(others)}"] if others else []
+        return f"sqrt(sum(f_s^2 s_s^2)) over {len(self.names)} scenarios of {members} members, s_s {' and '.join(parts)}"
+
+    def spread(self, values: np.ndarray, members: np.ndarray, ensemble_size: int, limits: np.ndarray) -> np.ndarray:
+        """Standard errors (limits, cells); parameters as those of :meth:`Estimator.spread`."""
+        variance = np.zeros((len(limits), len(values)))
+        for place, blocks in zip(self.places, self.blocks, strict=True):
+            columns = np.flatnonzero(np.isin(members, place))
+            weights, share = self.weights[members[columns]], self.weights[place].sum()
+            within = np.searchsorted(place, members[columns])  # places within the scenario
+            for k, limit in enumerate(limits):
+                reached = values[:, columns] >= limit
+                if blocks:
+                    estimator, own = Estimator(blocks, ""), reached.astype(np.float32)
+                    errors = estimator.spread(own, within, len(place), np.ones(1, np.float32))
+                    variance[k] += share**2 * errors[0] ** 2  # type: ignore[index]
+                else:
+                    p = reached @ weights / share
+                    variance[k] += p * (1.0 - p) * np.square(self.weights[place]).sum()
+        return np.sqrt(np.maximum(variance, 0.0))  # type: ignore[no-any-return]
+
+
+def _has_net(attributes: Mapping[Any, Any], weights: np.ndarray, planned: int) -> bool:
+    """Whether the valid members of a scenario are one whole net of equal weights."""
+    whole = len(weights) == planned >= SMALLEST_NET and not planned & (planned - 1)
+    return attributes.get("design") == "sobol" and whole and equal(weights)
 
 
 def independent(probability: np.ndarray, weights: np.ndarray) -> np.ndarray:

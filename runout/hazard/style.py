@@ -13,7 +13,14 @@ PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 DIVERGING = "RdBu_r"
 _SIGNED = ("difference", "change")  # symmetric about 0
 _RAMPS = dict.fromkeys(_SIGNED, DIVERGING)
-_RAMPS |= {"standard_error": "Purples", "probability": "YlOrRd", "share": "YlOrBr", "arrival": "viridis_r", "members": "YlOrRd"}
+_RAMPS |= {
+    "standard_error": "Purples",
+    "probability": "YlOrRd",
+    "annual": "YlOrRd",
+    "share": "YlOrBr",
+    "arrival": "viridis_r",
+    "members": "YlOrRd",
+}
 _RAMPS |= {"elevation": "cividis", "slope": "YlOrBr", "safety": "RdYlBu", "drainage": "YlGnBu", "sink": "Blues"}
 _DEFAULT_RAMP = "plasma_r"
 _GROUND = ("elevation", "slope")
@@ -21,6 +28,7 @@ _SMOOTH = (*_GROUND, *_SIGNED)  # coloured without steps
 _OPAQUE = ("arrival", *_GROUND)  # their least value is one like any other
 _LEGEND_UNITS = {"1": "", "m s-1": " m/s", "m3 s-2": " m³/s²", "degree": "°"}
 _CLASSES = 8
+ANNUAL_RATES = (1 / 5000, 1 / 1000, 1 / 300, 1 / 100, 1 / 30, 1 / 10)  # [1/a], rates at which land use and protection are decided
 _MOST_STEPS = 8  # above the last threshold
 _LINEAR = 4.0  # ratio of the largest value to the last threshold from which steps grow like 1, 2, 5
 
@@ -44,6 +52,8 @@ def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest
         return _ticks(0.0, largest)
     if "probability" in name or "share" in name:
         return [0.0, *PROBABILITY_LEVELS]
+    if "annual" in name:
+        return [0.0, *ANNUAL_RATES]
     if name == "elevation":
         return _ticks(smallest, largest)
     if "members" in name:

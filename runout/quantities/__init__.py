@@ -115,6 +115,16 @@ class MapQuantity:
         return f"mean_{self.stem}" if self.has_mean else ""
 
     @property
+    def annual_exceedance(self) -> str:
+        """Name of the annual rate at which the thresholds are reached."""
+        return f"{self.name}_annual_exceedance"
+
+    @property
+    def at_return_period(self) -> str:
+        """Name of the value at return periods; empty if there is none."""
+        return f"{self.stem}_at_return_period" if self.formula else ""
+
+    @property
     def difference(self) -> str:
         """Name of the difference of the maps of two products."""
         return f"{self.stem}_difference"
@@ -162,5 +172,5 @@ def bed_map_names() -> tuple[str, ...]:
 
 def quantity_of(variable: str) -> MapQuantity | None:
     """The quantity whose values a map shows, None for probabilities, times and the ground."""
-    shown = {name: q for q in ALL_QUANTITIES.values() for name in (q.percentile, q.peak, q.mean) if name}
+    shown = {name: q for q in ALL_QUANTITIES.values() for name in (q.percentile, q.peak, q.mean, q.at_return_period) if name}
     return (shown | {q.member_map: q for q in ALL_QUANTITIES.values() if not q.part_of}).get(variable)

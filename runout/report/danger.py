@@ -1,4 +1,4 @@
-"""Section of the report on classes of intensity and levels of danger: maps with the colours of the scheme, legend, matrix and source."""
+"""Section of the report on classes of intensity and levels of danger: maps in the colours of the scheme, legend, matrix."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -18,7 +18,15 @@ from runout.scores.definitions import Score
 from runout.scores.flow import Flow
 
 FOLDER, TABLE = "members", "members.nc"  # of the results
-BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")  # columns of the table that are no parameters
+BOOKKEEPING = (
+    "weight",
+    "annual_rate",
+    "scenario",
+    "seed",
+    "file",
+    "status",
+    "failure_reason",
+)  # columns of the table that are no parameters
 RANKS = {"csi": -1.0, "rmse": 1.0, "arrival_rmse": 1.0}  # the first that members have ranks them; -1: the largest is the best
 
 

@@ -145,8 +145,26 @@ def median_parameters(site: "Site") -> dict[str, float]:
     """Median of every sampled parameter, in the units of site.yaml."""
     from runout.ensemble.design import quantiles
 
+    if getattr(site.settings.ensemble, "scenarios", None) or getattr(site.settings.ensemble, "table", None):
+        return _medians_of_members(site)
     sampled = site.settings.ensemble.parameters or {}
     return {name: float(quantiles(one, np.array([0.5]), name)[0]) for name, one in dict(sampled).items()}
+
+
+def _medians_of_members(site: "Site") -> dict[str, float]:
+    """Weighted medians of the columns of the table of members; in the run all releases fail."""
+    from runout.config.member_arguments import ROW_EXTRAS
+    from runout.config.scenarios import FAILS
+    from runout.ensemble.design import member_table
+    from runout.hazard.order import weighted_percentiles
+
+    table = member_table(site.settings.ensemble)
+    medians = {}
+    for name in (str(column) for column in table.columns if column not in ROW_EXTRAS and not str(column).endswith(FAILS)):
+        stated = table[table[name].notna()]
+        weights = stated["weight"].to_numpy(np.float64)
+        medians[name] = float(weighted_percentiles(stated[[name]].to_numpy(np.float64), weights / weights.sum(), [50.0])[0, 0])
+    return medians
 
 
 def _require_room(arguments: Mapping[str, Any], coarsest: np.ndarray) -> None:

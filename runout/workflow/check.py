@@ -378,19 +378,21 @@ def _below_the_threshold(release: "Release", threshold: float) -> Iterator[str]:
 def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     """Warn of mass that cannot slide out of its scar, for the stated release or, if there is none, for the worst member."""
     from runout.config.friction import OF_RELEASE, PREFIX, sampled_ranges
-    from runout.ensemble.design import member_table
     from runout.model.release import Edge, Placement
     from runout.release.outlets import trapped_share
 
     if release.placement is Placement.ON_SURFACE:
         return
-    members = member_table(site.settings.ensemble)
+    members = check_physics.samples_of(site)
     angle_of_site = _resting_angle(release, site, {})
     own = release.name + OF_RELEASE + PREFIX
-    names, of_all = [str(name) for name in members], sampled_ranges(site.friction.law)
-    sampled = [n for n in names if n in of_all or n.rpartition(OF_RELEASE)[2] in PORES or n.startswith(own)]
-    worst_angle = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=angle_of_site)
-    largest = float(np.max(members.get("release_volume_factor", 1.0)))
+    of_all = sampled_ranges(site.friction.law)
+    acting = [
+        {n: value for n, value in row.items() if n in of_all or n.rpartition(OF_RELEASE)[2] in PORES or n.startswith(own)}
+        for row in members
+    ]
+    worst_angle = max((_resting_angle(release, site, row) for row in acting), default=angle_of_site)
+    largest = max(row.get("release_volume_factor", 1.0) for row in members)
     for factor, angle in dict.fromkeys([(1.0, angle_of_site), (largest, worst_angle)]):
         scaled = release.scaled(factor) if factor != 1.0 else release
         below, at_friction = trapped_share(scaled, 0.0), trapped_share(scaled, angle)

@@ -174,15 +174,14 @@ def bases_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sam
 
 def samples_of(site: "Site") -> list[dict[str, float]]:
     """Sampled parameters of all members."""
-    from runout.ensemble.design import member_table
+    from runout.ensemble.design import Design
 
-    table = member_table(site.settings.ensemble).drop(columns=["weight", "seed"])
-    return table.to_dict("records") or [{} for _ in table.index]  # pandas 2 gives no records without columns
+    return Design.of(site.settings.ensemble).samples()
 
 
 def materials_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sample]") -> "list[list[Material]]":
     """Material of each release in each member; the same objects if none of their parameters is sampled."""
-    if samples and not set(samples[0]) - {*sampled_ranges(site.friction.law), *OF_THE_RUN}:
+    if not {name for sample in samples for name in sample} - {*sampled_ranges(site.friction.law), *OF_THE_RUN}:
         return [site.materials(releases)] * len(samples)
     return [site.materials(releases, sample) for sample in samples]
 

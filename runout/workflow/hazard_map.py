@@ -120,7 +120,7 @@ def _run_part(study: Study, members: str) -> Outcome:
     """Run a range of members; other jobs may run other ranges in the same results folder at the same time."""
     from runout.ensemble.member import member_range
 
-    study = replace(study, part=member_range(members, study.site.settings.ensemble.members))
+    study = replace(study, part=member_range(members, study.site.settings.ensemble.size))
     with log.to_file(study.results / f"run_{members.replace(':', '_')}.log"), at_end(end_workers):
         return _run(study, [stage for stage in PLAN if stage.name == "ensemble"], force=False)
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from runout.backends.protocol import bytes_on_host
 from runout.config.inflow import FACTOR
+from runout.config.member_arguments import failing
+from runout.config.scenarios import FAILS
 from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births, with_inflow
@@ -130,10 +132,11 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None, c
     if not left:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     members, largest, together = _planned(site, left, workers)
+    volumes = np.array([_volume_of(site, member) for member in members])
     together, memory = _packed(site, _member_memory(site, largest), together, workers)
     particles = _count(site, largest)
-    steps, particle_steps = _work(site, members, largest, particles)
     own = members.index(largest)
+    steps, particle_steps = _work(site, members, volumes / volumes[own], particles)
     arguments = site.member_arguments(largest.parameters)
     cost = (cost_of or step_cost)(arguments)
     seconds = SETUP_SECONDS + cost.step * steps + cost.particle * particle_steps
@@ -234,7 +237,7 @@ def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[l
 
     wanted = set(left)
     members = [member for member in plan_members(site) if member.number in wanted]
-    return members, _largest(members), share_of(site.settings.simulation.device, len(members), workers).workers
+    return members, _largest(site, members), share_of(site.settings.simulation.device, len(members), workers).workers
 
 
 def duration(seconds: float) -> str:
@@ -246,16 +249,20 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes_left} min" if hours else f"{minutes} min {rest} s"
 
 
-def _largest(members: "Sequence[Member]") -> "Member":
+def _largest(site: "Site", members: "Sequence[Member]") -> "Member":
     """Member with the median basal friction among those with the largest volume."""
-    largest = max(map(_factor_of, members))
-    among = [m for m in members if _factor_of(m) == largest]
+    volumes = [_volume_of(site, member) for member in members]
+    among = [m for m, volume in zip(members, volumes, strict=True) if volume == max(volumes)]
     return sorted(among, key=_friction_of)[len(among) // 2]
 
 
-def _factor_of(member: "Member") -> float:
-    """Sampled factor on the volume [1]: of the releases, times that on the discharge of the inflows."""
-    return member.parameters.get(VOLUME, 1.0) * member.parameters.get(FACTOR, 1.0)
+def _volume_of(site: "Site", member: "Member") -> float:
+    """Volume of a member over that of all masses as stated [1]: share of what fails, times the sampled factors."""
+    factor = member.parameters.get(VOLUME, 1.0) * member.parameters.get(FACTOR, 1.0)
+    if not any(name.endswith(FAILS) for name in member.parameters):
+        return factor
+    masses = site.data().masses
+    return factor * sum(mass.volume for mass in failing(masses, member.parameters)) / sum(mass.volume for mass in masses)
 
 
 def _friction_of(member: "Member") -> list[float]:
@@ -274,7 +281,7 @@ def particle_count(site: "Site") -> int:
     """Particles of the member with the largest volume; they are counted, not made."""
     from runout.ensemble.member import plan_members
 
-    return _count(site, _largest(plan_members(site)))
+    return _count(site, _largest(site, plan_members(site)))
 
 
 def _count(site: "Site", member: "Member") -> int:
@@ -286,10 +293,9 @@ def _count(site: "Site", member: "Member") -> int:
     return count_particles(arguments["release"], how) + born.particles
 
 
-def _work(site: "Site", members: "Sequence[Member]", reference: "Member", particles: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps and particle-steps (members,) of members, whose reference has so many particles."""
+def _work(site: "Site", members: "Sequence[Member]", volumes: np.ndarray, particles: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps and particle-steps (members,) of members, of which that of the relative volume 1 has so many particles."""
     found = member_steps(site, members)
-    volumes = np.array([_factor_of(member) for member in members]) / _factor_of(reference)
     steps = np.array([one.steps for one in found])
     return steps, particles * volumes * np.array([one.per_particle for one in found])
 

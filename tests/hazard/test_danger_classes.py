@@ -143,7 +143,7 @@ def test_schemes_of_runout_are_complete(name):
 
 
 WRONG = {
-    "overlap": ("medium\n    when: [{thickness: 0.5}", "medium\n    when: [{thickness: 2.5}", "own.yaml:15: classes[2].when: the classes overlap"),
+    "overlap": ("medium\n    when: [{thickness: 0.5}", "medium\n    when: [{thickness: 3}", "15: classes[2].when: the classes o"),
     "missing cell": ("weak: [blue, yellow, yellow]", "weak: [blue, yellow]", "matrix.rows.weak: 2 levels for 3 return periods"),
     "missing row": ("    weak: [blue, yellow, yellow]\n", "", "class 'weak' has no row"),
     "order": ("[30, 100, 300]", "[30, 300, 100]", "own.yaml:17: return_periods.years: [30.0, 300.0, 100.0] does not rise"),
@@ -195,8 +195,8 @@ def write_products_of(folder, scheme, **columns):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Products of the flood scheme: members 0 to 2 are valid and take over the rate of the two others."""
-    return write_products_of(tmp_path_factory.mktemp("flood"), "swiss_flood", annual_rate=0.006)
+    """Products of the flood scheme: two members of 2 m and more at 0.01 a year, the longest at 0.001 a year."""
+    return write_products_of(tmp_path_factory.mktemp("flood"), "swiss_flood", annual_rate=[0.02, 0.009, 0.001, 0.0, 0.0])
 
 
 def test_rasters_and_styles_have_the_numbers_and_colours_of_the_scheme(results):
@@ -207,7 +207,9 @@ def test_rasters_and_styles_have_the_numbers_and_colours_of_the_scheme(results):
         assert raster.dtypes == ("uint8",)
         assert raster.nodata == 255
         level = raster.read(1)
-    assert set(np.unique(level)) == {0, 1, 4, 255}
+        assert raster.tags()["checked"] == "residual: secondary; yellow: memory; blue: memory; red: memory"
+        assert raster.tags()["flag_meanings"] == "not_in_danger residual yellow blue red"
+    assert set(np.unique(level)) == {0, 1, 4}
     assert (np.nan_to_num(hazard[LEVEL].values, nan=255) == level).all()
     for years in PERIODS:
         assert (results / "maps" / f"intensity_class_{years}.tif").is_file()

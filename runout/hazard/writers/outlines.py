@@ -10,7 +10,8 @@ from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of
 from runout.hazard.observed import observed_layers
 from runout.hazard.outline_style import danger_styles, outline_styles
 from runout.hazard.writers import Products
-from runout.io.vector import outline, write_outlines
+from runout.io.vector import outline, reaches, write_outlines
+from runout.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,6 +35,7 @@ def write(products: Products) -> list[Path]:
         styles=outline_styles() | danger_styles(hazard),
         further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())}
         | inflow_layers(site.files.inflows().require())
+        | return_period_layer(hazard, terrain)
         | danger_layers(hazard, terrain),
     )
     return [path]
@@ -64,6 +66,21 @@ def _areas(hazard: "xr.Dataset", name: str, values: np.ndarray, terrain: "Terrai
         for entry in entries_of(hazard, name)
         if (values == entry["number"]).any()
     ]  # fmt: skip
+
+
+def return_period_layer(hazard: "xr.Dataset", terrain: "Terrain") -> dict[str, tuple[str, list[dict[str, Any]]]]:
+    """Layer ``return_periods``: outline of the cells that reach the lowest threshold of thickness at 1 / return period or more."""
+    name = QUANTITIES["thickness"].at_return_period
+    if name not in hazard:
+        return {}
+    limit = float(hazard["thickness_threshold"].values[0])
+    cells = {float(years): reaches(hazard[name].sel(return_period=years).values, limit) for years in hazard["return_period"].values}
+    rows = [
+        {"return_period_a": years, "thickness_threshold_m": limit, "geometry": outline(mask, terrain)}
+        for years, mask in cells.items()
+        if mask.any()
+    ]
+    return {"return_periods": ("MultiPolygon", rows)} if rows else {}
 
 
 def inflow_layers(inflows: "Sequence[Inflow]") -> dict[str, tuple[str, list[dict[str, Any]]]]:
