@@ -73,7 +73,7 @@ def _rows(path: Path) -> Rows:
         raise ConfigError(f"more than {LARGEST} bytes")
     with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.reader(file, strict=True)
-        return [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+        return [(reader.line_num, [cell.strip() for cell in row]) for row in reader if len(row) > 1 or any(map(str.strip, row))]
 
 
 def _faults(rows: Rows, ranges: Mapping[str, Range]) -> Iterator[tuple[int, str, str, str]]:
@@ -99,6 +99,10 @@ def _faults(rows: Rows, ranges: Mapping[str, Range]) -> Iterator[tuple[int, str,
                 f"has {len(cells)} cells; the heading has {len(names)}",
                 "give every column a cell, empty for the site's own value",
             )
+            continue
+        if not any(cells):
+            whole = False
+            yield line, "", "all cells are empty", "remove the line; a member with the values of the site states its weight or seed"
             continue
         for column, text in zip(names, cells, strict=True):
             if column in known and (fault := _fault(column, text, ranges)):

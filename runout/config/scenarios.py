@@ -199,9 +199,9 @@ def _high(law: PowerLaw) -> float:
 def volume_conflicts(scenario: ScenarioSettings, common: Mapping[str, Any], volumes: Mapping[str, float]) -> Iterator[str]:
     """Sentence if the members of a class of volumes have other ones; ``volumes`` [m3] of the releases by name, of factor 1."""
     law = scenario.power_law
-    if law is None:
-        return
     stated = sum(volume for name, volume in volumes.items() if not scenario.releases or name in scenario.releases)
+    if law is None or stated == 0.0:
+        return
     factor = {**common, **scenario.parameters}.get("release_volume_factor")
     low, high = (stated * end for end in (factor.support() if factor else (1.0, 1.0)))
     if low < 0.999 * law.low or high > 1.001 * _high(law):

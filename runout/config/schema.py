@@ -9,7 +9,7 @@ from runout.config.bed import SETTINGS as BED
 from runout.config.bed import BedSettings
 from runout.config.design_table import DesignTable
 from runout.config.distributions import Discrete, Distribution, Settings, limited, quantity, refuse
-from runout.config.friction import ANGLE, KEY, FrictionSettings, OwnFriction, own_friction
+from runout.config.friction import ANGLE, KEY, OF_RELEASE, FrictionSettings, OwnFriction, own_friction
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
 from runout.config.inflow import SETTINGS as INFLOW
@@ -38,7 +38,7 @@ from runout.config.quantities import (
 )
 from runout.config.release_start import START_TIME, START_VELOCITY, STARTS_WHEN, ArrivalSettings, Velocity
 from runout.config.remote import InputFile
-from runout.config.scenarios import ScenarioSettings
+from runout.config.scenarios import FAILS, ScenarioSettings
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.errors import ConfigError
@@ -417,6 +417,12 @@ class EnsembleSettings(Settings):
     def has_rates(self) -> bool:
         """Whether the members have annual rates."""
         return bool(self.scenarios) or (self.rows is not None and "annual_rate" in self.rows.columns)
+
+    @property
+    def fail_apart(self) -> bool:
+        """Whether the scenario of a member, or its row in the table, says which releases fail."""
+        columns = self.rows.parameters if self.rows is not None else {}
+        return any(one.releases for one in self.scenarios or ()) or any(name.endswith(OF_RELEASE + FAILS) for name in columns)
 
     def sampled(self) -> list[dict[str, Distribution]]:
         """Distributions of the parameters of each scenario, or of all members; of a table the values of each column."""

@@ -239,7 +239,10 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
     study = stated_metadata(site)
     origin |= {"metadata": study} if study else {}
-    origin["releases"] = {"masses": [record(release) for release in releases], "start": list(start_sentences(releases))}
+    origin["releases"] = {
+        "masses": [record(release) for release in releases],
+        "start": list(start_sentences(releases, _by_scenario(settings))),
+    }
     if inflows := site.files.inflows().require():
         spacing = spacing_of(origin["configuration"]["simulation"]["cell_size"])
         origin["inflows"] = [{"name": one.name, **one.record(), "statement": one.statement(spacing)} for one in inflows]
@@ -247,6 +250,11 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     if ensemble.frequencies is not None:
         state |= {"annual_rates": dict(ensemble.frequencies.scenario_rates)}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
+
+
+def _by_scenario(settings: Any) -> bool:
+    """Whether the scenario of a member decides which releases fail."""
+    return bool(getattr(settings.ensemble, "fail_apart", False))
 
 
 def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ WAITS = {
     Placement.ON_SURFACE: "it is not there before, and is then put on what lies there",
 }
 ALONE = "where each may fail alone, make a site of each, with its own"
+BY_SCENARIO = "where each may fail alone, name it in the releases of a scenario (ensemble.scenarios)"
 
 
 def statement(release: Release) -> str:
@@ -53,8 +54,11 @@ def record(release: Release) -> dict[str, Any]:
     return {"name": release.name, **sizes, "largest_thickness": float(release.thickness.max()), "shape": shape(release)}
 
 
-def start_sentences(releases: Sequence[Release]) -> Iterator[str]:
-    """Sentences on parts of a release that do not touch, and on several releases: which start at the same time, and which later."""
+def start_sentences(releases: Sequence[Release], by_scenario: bool = False) -> Iterator[str]:
+    """Sentences on parts of a release that do not touch, and on several releases: which start at the same time, and which later.
+
+    ``by_scenario``: the scenario of a member decides which of the releases fail.
+    """
     for release in releases:
         count = separate_parts(release)
         if count > 1:
@@ -63,7 +67,8 @@ def start_sentences(releases: Sequence[Release]) -> Iterator[str]:
             yield f"release {release.name}: its {count} separate {kind} {TOGETHER}; {ALONE} {own}"
     at_once = [release.name for release in releases if not release.waits]
     if len(at_once) > 1:
-        yield f"the {len(at_once)} releases ({', '.join(at_once)}) {TOGETHER}; {ALONE} release"
+        names = f"the {len(at_once)} releases ({', '.join(at_once)})"
+        yield f"{names} fail as the scenario of a member says" if by_scenario else f"{names} {TOGETHER}; {BY_SCENARIO}"
     for release in releases:
         if release.waits:
             yield f"release {release.name}{_start(release)[1:]}; {WAITS[release.placement]}"

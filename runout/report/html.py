@@ -88,6 +88,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study, settings),
         "bed": settings.get("bed"),
+        "scenarios": study.hazard.attrs.get("scenarios", ""),
         "members": tables.members(study),
         "balance": tables.balance(study),
         "settings": tables.settings(settings),

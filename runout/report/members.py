@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from runout.io.member_maps import MemberMaps
 
+ROUNDING = 1e-9  # of summed weights
+
 
 @dataclass(frozen=True)
 class Column:
@@ -199,6 +201,8 @@ def percentiles_of(members: "pd.DataFrame", figure: str) -> tuple[float, float, 
 
 
 def representative(members: "pd.DataFrame") -> int:
-    """The valid member with the (lower) median runout distance."""
-    ordered = members["runout_distance"].dropna().sort_values()
-    return int(ordered.index[(len(ordered) - 1) // 2])
+    """The valid member with the (lower) median runout distance, by weight where the members have weights."""
+    ordered = members[members["runout_distance"].notna()].sort_values("runout_distance")
+    weights = ordered["weight"].to_numpy(np.float64) if "weight" in ordered else np.ones(len(ordered))
+    reached = np.cumsum(weights) >= (0.5 - ROUNDING) * weights.sum()
+    return int(ordered.index[reached.argmax()])

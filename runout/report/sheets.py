@@ -71,6 +71,7 @@ def headline_sheets(study: Study) -> list[Sheet]:
     first = float(levels[np.argmin(np.abs(levels - HEADLINE_THICKNESS))])
     return [
         exceedance_sheet(hazard, "thickness", first),
+        *_return_period_sheets(hazard, QUANTITIES["thickness"]),
         *(sheet for name in HEADLINES for sheet in _percentile_sheets(hazard, QUANTITIES[name])),
         _arrival_sheet(hazard),
         *_deposit_sheets(hazard),
@@ -87,10 +88,17 @@ def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
         if quantity.threshold in hazard.coords
         for level in hazard[quantity.threshold].values
     ]
+    annual = [
+        sheet
+        for quantity in ALL_QUANTITIES.values()
+        for sheet in (*_annual_sheets(hazard, quantity), *_return_period_sheets(hazard, quantity))
+    ]
     joint = [joint_sheet(hazard, number, condition) for number, condition in enumerate(conditions_of(hazard), 1)]
     shown = [quantity for name, quantity in ALL_QUANTITIES.items() if name not in HEADLINES and quantity.peak in hazard]
     peaks = [*(_peak_sheet(hazard, quantity) for quantity in shown), *_bed_percentile_sheets(hazard)]
-    return [sheet for sheet in (*exceedances, *joint, *peaks, *_arrival_percentile_sheets(hazard)) if sheet.title not in titles]
+    return [
+        sheet for sheet in (*annual, *exceedances, *joint, *peaks, *_arrival_percentile_sheets(hazard)) if sheet.title not in titles
+    ]
 
 
 def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
@@ -98,10 +106,40 @@ def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
     mapped = ALL_QUANTITIES[name]
     shown = _limit(name, level)
     caption = (
-        f"Conditional probability: the weighted fraction of the members whose {mapped.extreme} reaches {shown}, given that the "
-        "release happens. "
+        f"Conditional probability: the weighted fraction of the members whose {mapped.extreme} reaches {shown}, given that "
+        f"{_given(hazard)} happens. "
     )
     return _probability_sheet(hazard, name, {mapped.threshold: level}, f"a {mapped.words} of {shown} or more", caption)
+
+
+def _given(hazard: "xr.Dataset") -> str:
+    """What conditional probabilities suppose."""
+    return "one of the scenarios" if "scenarios" in hazard.attrs else "the release"
+
+
+def _annual_sheets(hazard: "xr.Dataset", mapped: MapQuantity) -> Iterator[Sheet]:
+    """Annual rates at which thresholds are reached; none without annual rates of the members."""
+    for level in hazard[mapped.threshold].values if mapped.annual_exceedance in hazard else ():
+        shown = _limit(mapped.name, float(level))
+        caption = (
+            f"Annual rate: expected events in a year in which the {mapped.extreme} reaches {shown}, over all scenarios "
+            f"({hazard.attrs['scenarios']}). 1/100 is once in 100 years in the mean."
+        )
+        values = hazard[mapped.annual_exceedance].sel({mapped.threshold: level}).values
+        yield Sheet(f"Annual rate of a {mapped.words} of {shown} or more", caption, values, "annual_rate")
+
+
+def _return_period_sheets(hazard: "xr.Dataset", mapped: MapQuantity) -> Iterator[Sheet]:
+    """Values at return periods; none without annual rates of the members."""
+    if mapped.at_return_period not in hazard:
+        return
+    for years in hazard["return_period"].values:
+        caption = (
+            f"Largest {mapped.words} that is reached at least once in {years:g} years in the mean; no colour means that the flow "
+            "arrives less often, not that it never does."
+        )
+        values = hazard[mapped.at_return_period].sel(return_period=years).values
+        yield Sheet(f"Peak {mapped.words}, return period {years:g} years", caption, values, mapped.name)
 
 
 def joint_sheet(hazard: "xr.Dataset", number: int, condition: Mapping[str, float]) -> Sheet:

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.friction import OF_RELEASE
 from runout.config.parameter_variables import parameter_variable
+from runout.config.scenarios import FAILS
 from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
-from runout.quantities import ALL_QUANTITIES
+from runout.quantities import ALL_QUANTITIES, QUANTITIES
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of, started_on
 from runout.report.sheets import hazard_extent
@@ -60,8 +62,9 @@ RELEASED = "Released volume"
 
 
 def sampled_parameters(study: Study) -> list[str]:
-    """Names of the sampled parameters."""
-    return [c for c in study.members.columns if c not in {*BOOKKEEPING, *FIGURES, *VOLUMES}]
+    """Names of the sampled parameters; which releases fail is told by the scenario."""
+    others = {*BOOKKEEPING, *FIGURES, *VOLUMES}
+    return [c for c in study.members.columns if c not in others and not str(c).endswith(OF_RELEASE + FAILS)]
 
 
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
@@ -75,6 +78,10 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     arrival = float(hazard["first_arrival_time"].where(~started_on(hazard)).max())
     starts = [(RELEASED, released, "release_volume_factor")] if released > 0 or not inflows else []
     starts += [("Inflow volume", sum(one["volume"] for one in inflows), "discharge_factor")] if inflows else []
+    annual = [
+        (f"Reached once in {years:g} years", quantity(_area_at(hazard, years), "km²"), f"area, {threshold} thick or more")
+        for years in (hazard["return_period"].values if "return_period" in hazard.coords else ())
+    ]
     cards = [
         ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
         *((label, volume(size), _factor(study, name)) for label, size, name in starts),
@@ -82,6 +89,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
         ("Area reached", reached, f"by any member, {threshold} thick or more"),
         ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
+        *annual,
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
     if not has_volumes(valid):
@@ -100,10 +108,16 @@ def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
     return cards
 
 
+def _area_at(hazard: "xr.Dataset", years: float) -> float:
+    """Area [km2] of the cells that reach the lowest threshold of thickness at a return period."""
+    values = hazard[QUANTITIES["thickness"].at_return_period].sel(return_period=years).values
+    return hazard_extent(hazard, values, float(hazard["thickness_threshold"].min()))
+
+
 def _factor(study: Study, name: str) -> str:
     """By what a volume differs between the members."""
     factor = study.members.get(name)
-    return f"times {span(list(factor))} in the members" if factor is not None else "in every member"
+    return f"times {span(list(factor.fillna(1.0)))} in the members" if factor is not None else "in every member"
 
 
 def _sampled(hazard: "xr.Dataset") -> str:
@@ -297,19 +311,29 @@ def members(study: Study) -> dict[str, Any]:
     weighted = study.members["weight"].nunique() > 1
     headings = [("Member", "", "number of the realization")]
     headings += [("Weight", "", "share of the ensemble")] if weighted else []
+    told = {"scenario": ("Scenario", "", ""), "annual_rate": ("Annual rate", "1/a", VARIABLES["annual_rate"].long_name)}
+    told = {name: heading for name, heading in told.items() if name in study.members}
+    headings += list(told.values())
     headings += [(_heading(p), _unit(p), "sampled parameter") for p in parameters]
     figures = FIGURES | (VOLUMES if has_volumes(study.valid) else {})
     headings += [(c.heading, c.units, c.meaning) for c in figures.values()]
     rows = []
     for member, row in study.members.iterrows():
         given = [number(row["weight"])] if weighted else []
+        given += [row[name] if name == "scenario" else number(float(row[name])) for name in told]
         given += [number(float(row[p])) for p in parameters]
         ended = row["status"] == "valid"
         result = [number(float(row[f])) for f in figures] if ended else []
         reason = "" if ended else f"{row['status']}: {row['failure_reason'] or 'it has not run'}"
         rows.append({"member": member, "given": given, "result": result, "reason": reason})
     growth = study.run.get("ensemble", {}).get("growth", "")
-    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(figures), "growth": growth}
+    return {
+        "headings": headings,
+        "rows": rows,
+        "given": len(parameters) + len(told) + weighted,
+        "figures": len(figures),
+        "growth": growth,
+    }
 
 
 def _heading(parameter: str) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.hazard.style import ANNUAL_RATES
 from runout.quantities import ALL_QUANTITIES, MapQuantity
 from runout.report.marks import INK
 from runout.report.wording import unit
@@ -66,6 +67,7 @@ def _style_of(quantity: MapQuantity) -> MapStyle:
 
 STYLES = {
     "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
+    "annual_rate": MapStyle("annual rate [1/a]", "magma_r", steps=(0.0, *ANNUAL_RATES, 1.0)),
     "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
     "share": MapStyle("share of the bed [1]", "YlOrBr", steps=TENTHS),
     **{name: _style_of(quantity) for name, quantity in ALL_QUANTITIES.items()},
@@ -137,6 +139,8 @@ def draw_colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: M
     bar.solids.set_alpha(1.0)
     largest = f", largest {_short(float(np.abs(shown).max()))}" if above else ""
     bar.set_label(style.label + largest, fontsize=NORMAL, color=INK)
+    if style.label == STYLES["annual_rate"].label:
+        bar.set_ticks(ANNUAL_RATES, labels=[f"1/{1.0 / rate:.0f}" for rate in ANNUAL_RATES])
     if style.logarithmic and shown.count():
         ticks = _logarithmic_ticks(painted.norm.vmin, painted.norm.vmax)
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])

@@ -100,9 +100,10 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
     _read_observations(findings, readable, findings.terrain)
     _read_probes(findings, readable, findings.terrain)
     _read_bed(findings, readable, findings.terrain)
-    _inspect_overlaps(findings, findings.terrain)
+    _inspect_overlaps(findings, readable, findings.terrain)
     _inspect_structures(findings, readable, findings.terrain)
     if findings.site is not None:
+        _inspect_classes(findings, findings.site)
         _inspect_obstacles(findings, findings.site, findings.terrain)
         try:
             _inspect_resolution(findings, findings.site)
@@ -187,7 +188,7 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
     for problem in reading.problems:
         findings.note(problem)
     findings.notes += [f"release {release.name}: {change}" for release in findings.releases for change in release.changes]
-    findings.notes += start_sentences(findings.releases)
+    findings.notes += start_sentences(findings.releases, site.settings.ensemble.fail_apart)
     for release in findings.releases:
         try:
             if isinstance(release.velocity, StartVelocity):
@@ -271,7 +272,23 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     findings.warnings += bed.sentences(terrain, findings.releases, size, math.prod(size) / per_cell)
 
 
-def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
+def _inspect_classes(findings: Findings, site: "Site") -> None:
+    """Refuse scenarios whose members have other volumes than the class that their rate counts."""
+    from runout.config.scenarios import volume_conflicts
+
+    ensemble, volumes = site.settings.ensemble, {release.name: release.volume for release in findings.releases}
+    for scenario in ensemble.scenarios or ():
+        findings.problems += volume_conflicts(scenario, ensemble.parameters, volumes)
+
+
+def _fail_together(site: "Site", pair: "tuple[Release, Release]") -> bool:
+    """Whether two releases fail in the same member."""
+    from runout.config.member_arguments import failing
+
+    return any(len(failing(pair, sample)) == len(pair) for sample in check_physics.samples_of(site))
+
+
+def _inspect_overlaps(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     from runout.release.sample import may_overlap
 
     for one, other in combinations(findings.releases, 2):
@@ -283,7 +300,7 @@ def _inspect_overlaps(findings: Findings, terrain: "Terrain") -> None:
 
             cells = one.outline.intersection(other.outline).area / terrain.cell_area
             shared = math.ceil(cells) if cells >= SLIVER else 0
-        if shared:
+        if shared and _fail_together(site, (one, other)):
             findings.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
 
 

@@ -238,7 +238,7 @@ def make_release(study: Study) -> Iterable[Path]:
     from runout.release.statements import start_sentences, statement
 
     releases = study.site.data().releases
-    for said in [*map(statement, releases), *start_sentences(releases)]:
+    for said in [*map(statement, releases), *start_sentences(releases, study.site.settings.ensemble.fail_apart)]:
         LOGGER.info("%s", said)
     thickness = study.terrain.where_known(thickness_of(releases, study.terrain))
     maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")

@@ -101,6 +101,11 @@ observations:
   thalweg: {line: inputs/line.geojson}
 report: {stills: none}
 """
+TABLE = """\
+basal_friction_angle_deg,weight,annual_rate,scenario,seed
+18,0.75,0.03,often,4
+,0.25,0.01,rare,5
+"""
 WET = {  # lines of a site with all blocks, in the place of lines of SITE
     "    thickness: depth\n": """\
     thickness: depth
@@ -147,7 +152,25 @@ WET = {  # lines of a site with all blocks, in the place of lines of SITE
     scar.pore_pressure_decay_time: {distribution: uniform, low: 4, high: 6}
 """,
     "hazard: {thickness_thresholds: [0.1, 1], percentiles: [50]}\n": """\
+  scenarios:
+    - name: often
+      exceedance_return_period: 30
+      members: 1
+      parameters: {basal_friction_angle_deg: 18}
+    - name: seldom
+      exceedance_return_period: 100
+    - name: pile
+      return_period: 50
+      releases: [pile, gauge, spring]
+    - name: rate
+      annual_rate: 0.001
+      releases: [scar, pile, gauge, spring]
+      parameters:
+        release_volume_factor: {distribution: uniform, low: 1, high: 2}
+    - name: law
+      power_law: {coefficient: 2, exponent: 0.5, low: 100, high: 1.0e+6}
 hazard:
+  return_periods: [30, 100]
   thickness_thresholds: [0.1, 1]
   eroded_depth_thresholds: [0.5]
   net_erosion_thresholds: [0.1, 0.5]
@@ -242,6 +265,21 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
     (inputs / "v.csv").write_text("time,discharge,velocity\n0,0,1\n1,20,2\n3,0,1\n", encoding="utf-8")
 
 
+def odd_members(folder: Path, random: Random) -> None:
+    """Members from a table with odd numbers, columns or bytes in the place of those of site.yaml."""
+    file, path = folder / "site.yaml", folder / "inputs" / "members.csv"
+    text = file.read_text(encoding="utf-8")
+    first, last = text.index("ensemble:\n"), text.index("hazard:")
+    file.write_text(text[:first] + "ensemble: {table: inputs/members.csv}\n" + text[last:], encoding="utf-8")
+    rows = [line.split(",") for line in TABLE.splitlines()]
+    for _ in range(random.choice([0, 1, 1, 2])):
+        rows[random.randrange(len(rows))][random.randrange(len(rows[0]))] = random.choice(
+            [scalar(random), "", "nan", "1e999", "pile.fails", "weight", "seed", "basal_mu", "-1"]
+        )
+    content = "\n".join(",".join(row) for row in rows).encode("utf-8", errors="surrogatepass")
+    path.write_bytes(mutated(content, random) if random.random() < 0.2 else content)
+
+
 def odd_hydrograph(folder: Path, random: Random) -> None:
     """A hydrograph with odd numbers, columns or bytes."""
     path = folder / "inputs" / random.choice(["q.csv", "v.csv"])
@@ -305,7 +343,7 @@ INSERTED = (
     "low", "high", "block", "elsewhere", "polygons", "bed", "depth", "erosion", "bulking", "most", "growth_rate", "specific_energy",
     "bed_density", "erosion_most", "eroded_depth_thresholds", "net_deposition_thresholds", "joint",
     "inflow", "line", "polygon", "hydrograph", "discharge_factor", "inflow_delay", "start_time", "velocity", "speed", "azimuth_deg",
-    "starts_when", "arrives", "scar.start_time", "pile.basal_mu", "spring.start_time",
+    "starts_when", "arrives", "scenarios", "table", "return_period", "annual_rate", "power_law", "return_periods", "scar.start_time", "pile.basal_mu", "spring.start_time",
 )  # fmt: skip
 
 
@@ -492,11 +530,12 @@ KINDS: dict[str, Callable[[Path, Random], None]] = {
     "raster": odd_raster,
     "vector": odd_vector,
     "hydrograph": odd_hydrograph,
+    "members": odd_members,
     "huge": huge,
     "extent": odd_extent,
     "hdf5": odd_hdf5,
 }
-OFTEN = ["yaml", "raster", "vector"] * 4 + ["hydrograph", "huge", "extent", "hdf5"]
+OFTEN = ["yaml", "raster", "vector"] * 4 + ["hydrograph", "members", "huge", "extent", "hdf5"]
 
 
 def write_odd_site(folder: Path, seed: int) -> str:

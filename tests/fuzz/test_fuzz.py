@@ -20,7 +20,8 @@ from runout import cli
 from runout.config.bed import BedSettings
 from runout.config.inflow import InflowSettings
 from runout.config.pore_pressure import PorePressureSettings, RatioSettings
-from runout.config.schema import SiteSettings
+from runout.config.scenarios import ScenarioSettings
+from runout.config.schema import EnsembleSettings, SiteSettings
 from runout.workflow.check import inspect
 
 PARTS, CASES = 5, 80  # five parts, so that workers of pytest share them
@@ -47,6 +48,9 @@ def test_the_site_that_is_made_odd_has_every_block_and_every_command_is_called()
     assert set(RatioSettings.model_fields) - {key for pore in pores for key in pore["ratio"]} == {"layer"}
     inflows = {key for one in stated["inflow"] for key in one}
     assert set(InflowSettings.model_fields) - inflows == {"layer", "basal_friction_angle_deg"}  # in place of the law
+    scenarios = {key for one in stated["ensemble"]["scenarios"] for key in one}
+    assert set(ScenarioSettings.model_fields) == scenarios
+    assert set(EnsembleSettings.model_fields) - set(stated["ensemble"]) == {"tolerance", "table"}  # for other ensembles
     called = {odd_call(Random(seed))[0] for seed in range(1000)}
     assert {command.__name__.replace("_", "-") for command in cli.COMMANDS} <= called
 
