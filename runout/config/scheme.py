@@ -24,6 +24,7 @@ from runout.variables import VARIABLES
 FOLDER = Path(__file__).parents[1] / "schemes"
 CHECKED = {"primary": "read in the source", "secondary": "from a secondary source", "memory": "from memory, not verified"}
 AT_ONCE = "thickness_and_speed"  # map of members for a threshold of both
+_WORDS = {"1": "", "m s-1": "m/s", "m2 s-1": "m2/s", "m3 s-2": "m3/s2"}  # units for people
 MOST_CLASSES = 20  # of intensity, or levels of danger
 
 Checked = Literal["primary", "secondary", "memory"]
@@ -104,7 +105,7 @@ class _Criterion(Settings):
 def _printed(name: str, least: float) -> str:
     """A threshold with its printed unit."""
     units, divisor = VARIABLES[ALL_QUANTITIES[name].threshold].printed
-    return f"{least / divisor:g}" + (f" {units}" if units != "1" else "")
+    return f"{least / divisor:g} {_WORDS.get(units, units)}".rstrip()
 
 
 _THRESHOLDS: Any = {

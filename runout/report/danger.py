@@ -52,30 +52,37 @@ def risk_statement(risk: dict[str, Any] | None) -> str:
 def _figures(study: Study, window: Window) -> list[tuple[str, Any]]:
     """Title and figure of each map: the level of danger, then the class at each return period."""
     hazard, ground = study.hazard, study.basemap
-    figures = []
+    record = scheme_record(hazard)
+    assert record
+    periods, figures = f"return periods: {record['return_periods']['checked']}", []
     if LEVEL in hazard:
-        figures.append(("Level of danger", class_map(ground, hazard[LEVEL].values, entries_of(hazard, LEVEL), window)))
+        states = ", ".join(dict.fromkeys(one["checked"] for one in record["classes"]))
+        title = f"checked: classes: {states};\n{periods}; matrix: {record['matrix']['checked']}"
+        figures.append(("Level of danger", class_map(ground, hazard[LEVEL].values, entries_of(hazard, LEVEL), window, title)))
     for years in hazard[PERIOD].values:
         values = hazard[INTENSITY].sel({PERIOD: years}).values
         title = f"Intensity at a return period of {number(float(years), 6)} years"
-        figures.append((title, class_map(ground, values, entries_of(hazard, INTENSITY), window)))
+        figures.append((title, class_map(ground, values, entries_of(hazard, INTENSITY), window, f"checked: {periods}")))
     return figures
 
 
-def class_map(basemap: Basemap, values: np.ndarray, entries: Sequence[dict[str, Any]], window: Window) -> Any:
+def class_map(basemap: Basemap, values: np.ndarray, entries: Sequence[dict[str, Any]], window: Window, checked: str) -> Any:
     """Figure of classes (rows, columns) in their colours, with a legend that states how each was checked; 0 has no colour."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
     axes, bar = blank_map(basemap, window)
-    _make_room(axes, bar, LINE * max(0, len(entries) - LINES_OF_A_BAR))
+    _make_room(axes, bar, LINE * max(0, len(entries) + len(checked.splitlines()) - LINES_OF_A_BAR))
     shown = np.ma.masked_less(np.nan_to_num(values[window]), 1)
     norm = BoundaryNorm(np.arange(len(entries) + 1) + 0.5, max(len(entries), 1))
     colours = ListedColormap([entry["colour"] for entry in entries])
     extent = basemap.extent(window)
     axes.imshow(shown, cmap=colours, norm=norm, extent=extent, interpolation="nearest", alpha=0.86, zorder=VALUES)
     patches = [Patch(facecolor=e["colour"], edgecolor="#6b6b6b", linewidth=0.5, label=label(e)) for e in reversed(entries)]
-    axes.figure.legend(handles=patches, loc="lower center", fontsize=SMALL, frameon=False, borderaxespad=0.1, labelspacing=0.25)
+    axes.figure.legend(
+        handles=patches, title=checked, loc="lower center", fontsize=SMALL, title_fontsize=SMALL, frameon=False, borderaxespad=0.1,
+        labelspacing=0.25,
+    )  # fmt: skip
     return axes.figure
 
 
