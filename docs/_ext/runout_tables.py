@@ -229,9 +229,9 @@ def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, h
 
 
 def _settings_class(name: str) -> Any:
-    from runout.config import distributions, hazard, observations, pore_pressure, probes, remote, schema
+    from runout.config import distributions, hazard, observations, pore_pressure, probes, remote, scenarios, schema
 
-    homes = (schema, hazard, distributions, observations, pore_pressure, probes, remote)
+    homes = (schema, hazard, distributions, observations, pore_pressure, probes, remote, scenarios)
     return next(getattr(home, name) for home in homes if hasattr(home, name))
 
 

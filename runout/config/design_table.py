@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from runout.config.wording import choice_fix
+from runout.config.document import shortened
+from runout.config.wording import nearest
 from runout.errors import ConfigError, Problem
 from runout.model.limits import Range, looks_like_radians, radians_remedy
 
@@ -60,7 +61,7 @@ def read_design(path: Path, name: str, ranges: Mapping[str, Range]) -> tuple[Des
         return None, [Problem(name, None, "", f"cannot be read as a table ({cause})", "save it as CSV in UTF-8")]
     if len(rows) < 2:
         return None, [Problem(name, 1, "", f"has {len(rows)} lines", "write a heading, and a line for each member")]
-    problems = [Problem(name, line, column, *why) for line, column, *why in _faults(rows, ranges)]
+    problems = [Problem(name, line, *map(shortened, words)) for line, *words in _faults(rows, ranges)]
     return (None, problems) if problems else (_table(rows), [])
 
 
@@ -84,7 +85,13 @@ def _faults(rows: Rows, ranges: Mapping[str, Range]) -> Iterator[tuple[int, str,
         if column in names[:k]:
             yield first, column, "this column was already given", "keep one of the two"
         elif column not in known:
-            yield first, column, "no parameter of the members has this name", choice_fix(column, known)
+            near = nearest(column, known)
+            fix = (
+                f"did you mean {near!r}?"
+                if near
+                else f"use a parameter that the ensemble may sample, {', '.join(OWN)} or {SCENARIO}"
+            )
+            yield first, column, "no parameter of the members has this name", fix
     if len(members) > MOST_ROWS:
         yield first, "", f"{len(members)} members are more than {MOST_ROWS}", "use fewer"
     if len(names) == names.count(SCENARIO):

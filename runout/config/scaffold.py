@@ -272,6 +272,8 @@ def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> It
             inner = block.settings_of(block.known_law(value))  # type: ignore[attr-defined]
         if value is None:
             yield f"{indent}# {name}: {_example(field)}".rstrip()
+        elif name == "parameters" and not value:
+            yield f"{indent}{name}: {{}}"
         elif name == "parameters":
             yield from (f"{indent}{name}:", *(f"{indent}  {key}: {_flow(item)}" for key, item in value.items()))
         elif inner and isinstance(value, dict):

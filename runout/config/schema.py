@@ -343,13 +343,17 @@ class SimulationSettings(Settings):
 
 
 class EnsembleSettings(Settings):
-    """The scenarios."""
+    """The members."""
 
     members: int = quantity(
-        "number of scenarios; powers of 2 cover the parameters evenly; with tolerance the largest number", 1, ge=1, le=MOST_MEMBERS
+        "number of members, of each scenario if there are some; powers of 2 cover the parameters evenly; with tolerance the "
+        "largest number",
+        1,
+        ge=1,
+        le=MOST_MEMBERS,
     )
     tolerance: float | None = quantity(
-        "largest sampling error of the probabilities (exceedance_rms_error of every threshold): the scenarios double from "
+        "largest sampling error of the probabilities (exceedance_rms_error of every threshold): the members double from "
         f"{SMALLEST_NET} until it is reached, to members at most",
         None,
         gt=0,
@@ -527,7 +531,7 @@ class SiteSettings(Settings):
         "bulking", "volume of the deposit over that of its mass: multiplies the thickness of deposits", None, examples=[0.9]
     )
     simulation: SimulationSettings = quantity("how each member is computed")
-    ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
+    ensemble: EnsembleSettings = quantity("the members", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
     probes: ProbeSettings | None = PROBES
     stability: StabilitySettings | None = STABILITY

@@ -39,7 +39,7 @@ def test_lines_of_probability_are_wider_and_darker_the_higher_they_are():
 
 def test_each_layer_has_a_colour_of_its_own_and_labels():
     styles = {name: read(text) for name, text in outline_styles().items()}
-    areas = ("release", "obstacles", "friction_zones", "observed_outline")
+    areas = ("release", "obstacles", "friction_zones", "observed_outline", "return_periods")
     assert set(styles) == {*areas, "inundation", "structures", "facades", "gauges", "thalweg", "probes", "cross_sections"}
     first = {name: options(styles[name])["outline_color"] for name in areas}
     assert first == {
@@ -47,6 +47,7 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
         "obstacles": "107,74,43,255",
         "friction_zones": "34,40,47,255",
         "observed_outline": "11,79,174,255",
+        "return_periods": "140,26,75,255",
     }
     for name, colour in first.items():
         text = next(styles[name].iter("text-style"))
@@ -60,7 +61,7 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
 def test_points_lines_and_areas_have_symbols_of_their_kind():
     styles = outline_styles() | slope_styles()
     kinds = {name: "".join({s.get("type") for s in read(text).iter("symbol")}) for name, text in styles.items()}
-    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "structures", "sinks")
+    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "return_periods", "structures", "sinks")
     assert kinds == {
         **dict.fromkeys(areas, "fill"),
         **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths"), "line"),

@@ -1,0 +1,83 @@
+"""A site of three classes of volume and two sources, from site.yaml to annual maps; every number is compared with the members."""
+
+import numpy as np
+import pytest
+import ramp_site
+
+from runout.config.site import read_site
+from runout.ensemble.member import plan_members
+from runout.io import netcdf
+from runout.workflow.hazard_map import run
+
+RELEASES = """\
+  - {name: upper, raster: inputs/thickness.tif, placement: on_surface}
+  - {name: side, raster: inputs/side.tif, placement: on_surface}
+"""
+ENSEMBLE = """\
+ensemble:
+  members: 1
+  seed: 1
+  scenarios:
+    - {name: small, exceedance_return_period: 30, releases: [upper], parameters: {release_volume_factor: 0.3}}
+    - name: middle
+      exceedance_return_period: 100
+      releases: [upper]
+      members: 2
+      parameters: {basal_friction_angle_deg: {distribution: uniform, low: 18, high: 22}}
+    - {name: large, exceedance_return_period: 300, releases: [upper], parameters: {release_volume_factor: 1.5}}
+    - {name: side, return_period: 50, releases: [side]}
+hazard: {thickness_thresholds: [0.1, 1], speed_thresholds: [1], percentiles: [50], return_periods: [30, 100, 300]}
+"""
+RATES = np.array([1 / 30 - 1 / 100, 0.5 * (1 / 100 - 1 / 300), 0.5 * (1 / 100 - 1 / 300), 1 / 300, 1 / 50])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    text = ramp_site.SITE[: ramp_site.SITE.index("ensemble:")].replace("end_time: 20", "end_time: 6") + ENSEMBLE
+    first, last = text.index("  - name: slab"), text.index("material:")
+    folder = ramp_site.write_site(tmp_path_factory.mktemp("classes") / "site", text[:first] + RELEASES + text[last:])
+    side = np.zeros((ramp_site.ROWS, ramp_site.COLUMNS))
+    side[2:5, 12:16] = 5.0
+    ramp_site.write_raster(folder / "inputs" / "side.tif", side)
+    assert run(folder, workers=1).exit_code == 0
+    return folder
+
+
+def test_members_hold_the_releases_of_their_scenario_alone(site):
+    members = netcdf.read(site / "results" / "members.nc")
+    thickness = members["max_flow_thickness"].fillna(0.0).values
+    on_upper, on_side = (thickness[:, rows, columns] for rows, columns in ((11, 7), (3, 13)))
+    assert (on_upper > 0).tolist() == [True, True, True, True, False]
+    assert (on_side > 0).tolist() == [False, False, False, False, True]
+    np.testing.assert_allclose(members["annual_rate"], RATES, rtol=1e-12)
+    np.testing.assert_allclose(members["weight"], RATES / (1 / 30 + 1 / 50), rtol=1e-12)
+
+
+def test_annual_maps_are_those_of_the_members(site):
+    results = site / "results"
+    hazard, members = netcdf.read(results / "hazard.nc"), netcdf.read(results / "members.nc")
+    thickness = members["max_flow_thickness"].fillna(0.0).values
+    for k, limit in enumerate((0.1, 1.0)):
+        rate = np.einsum("m,mij->ij", RATES, thickness >= np.float32(limit))
+        np.testing.assert_allclose(hazard["thickness_annual_exceedance"].values[k], rate, rtol=1e-5)
+    rarest = thickness.max(axis=0)  # every member is as frequent as once in 300 years
+    np.testing.assert_array_equal(hazard["flow_thickness_at_return_period"].sel(return_period=300).fillna(0.0), rarest)
+    yearly = hazard["flow_thickness_at_return_period"].sel(return_period=30).fillna(0.0).values
+    together = thickness[:4].min(axis=0)  # source upper reaches 1 / 30 only with all of its members, source side never
+    np.testing.assert_array_equal(yearly[:, :3], together[:, :3])
+    assert (yearly > 0).any()
+    text = (results / "report.html").read_text(encoding="utf-8")
+    assert "annual rates and conditional probabilities" in text
+    assert "Peak flow thickness, return period 100 years" in text
+    assert "No events beyond the scenarios" in text
+
+
+def test_a_change_of_rates_makes_new_maps_of_the_same_members(site):
+    before = [member.key for member in plan_members(read_site(site))]
+    file = site / "site.yaml"
+    file.write_text(file.read_text().replace("return_period: 50, releases", "return_period: 25, releases"))
+    assert [member.key for member in plan_members(read_site(site))] == before
+    outcome = run(site, stages=("ensemble", "hazard"), workers=1)
+    assert outcome.done == ("hazard",)
+    hazard = netcdf.read(site / "results" / "hazard.nc")
+    assert float(hazard["thickness_annual_exceedance"].values[0, 3, 13]) == pytest.approx(1 / 25)
