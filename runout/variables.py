@@ -191,6 +191,17 @@ _HAZARD_MAPS = {
     ),
 }
 
+_BOUNDARY = {
+    "boundary_distance_mean": Variable(
+        "m", "mean over the members of the signed distance to the boundary of the flow, positive inside",
+        comment="by weight; only where 5 % to 95 % of the weight arrives; 0 is the mean position of the boundary",
+    ),
+    "boundary_distance_deviation": _positive(
+        "m", "standard deviation over the members of the distance to the boundary of the flow",
+        "by weight; only where 5 % to 95 % of the weight arrives; the position of the boundary varies by that",
+    ),
+}  # fmt: skip
+
 _DANGER = {
     "intensity_class": Variable(
         "1", "strongest class of intensity that is reached at the return period or more often", dtype="uint8",
@@ -417,6 +428,7 @@ VARIABLES: dict[str, Variable] = {
     **_OBSERVED,
     **_OF_A_BED,
     **_DANGER,
+    **_BOUNDARY,
     **_SLOPES,
     **_DIFFERENCES,
     **_of("auxiliaryInformation", _ENSEMBLE),

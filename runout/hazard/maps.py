@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.hazard.bed_maps import BED_MEANS, CHANGES
+from runout.hazard.boundary import DEVIATION, MEAN
 from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of, label
 from runout.hazard.joint import conditions_of
 from runout.hazard.style import class_edges, palette, qml
@@ -46,6 +47,7 @@ OBSERVED_MAPS = (  # of sites with observations
     "mean_elevation_change",
     "elevation_change_difference",
 )
+BOUNDARY_MAPS = (MEAN, DEVIATION)
 TERRAIN_MAPS = ("elevation", "ground_slope", "release_thickness")
 _VALUE = r"_[-+.0-9e]+(kPa)?"
 _JOINT = rf"(_({'|'.join(ALL_QUANTITIES)}){_VALUE})+"
@@ -60,7 +62,7 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS)):
+    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS, *BOUNDARY_MAPS)):
         if name in hazard:
             yield name, name, {}
     for quantity in ALL_QUANTITIES.values():

@@ -11,7 +11,7 @@ from runout.io.vector import PROBABILITY_LEVELS
 
 PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 DIVERGING = "RdBu_r"
-_SIGNED = ("difference", "change")  # symmetric about 0
+_SIGNED = ("difference", "change", "distance_mean")  # symmetric about 0
 _RAMPS = dict.fromkeys(_SIGNED, DIVERGING)
 _RAMPS |= {
     "standard_error": "Purples",
