@@ -191,6 +191,28 @@ _HAZARD_MAPS = {
     ),
 }
 
+_BOUNDARY = {
+    "boundary_distance_mean": Variable(
+        "m", "mean over the members of the signed distance to the boundary of the flow, positive inside",
+        comment="by weight; only where 5 % to 95 % of the weight arrives; 0 is the mean position of the boundary",
+    ),
+    "boundary_distance_deviation": _positive(
+        "m", "standard deviation over the members of the distance to the boundary of the flow",
+        "by weight; only where 5 % to 95 % of the weight arrives; the position of the boundary varies by that",
+    ),
+}  # fmt: skip
+
+_DANGER = {
+    "intensity_class": Variable(
+        "1", "strongest class of intensity that is reached at the return period or more often", dtype="uint8",
+        comment="annual, over all scenarios of the site; the attribute checked states how each class was verified",
+    ),
+    "danger_level": Variable(
+        "1", "level of danger: highest of the matrix of intensity and return period", dtype="uint8",
+        comment="annual, over all scenarios of the site; the attribute checked states how each level was verified",
+    ),
+}  # fmt: skip
+
 _SURVEYED = "of the surveyed cells; negative where the ground was lowered; changes below the detection limit count as 0"
 _OBSERVED = {
     "observed_deposit_thickness": _positive("m", "observed thickness of the deposit, vertical", "missing where unknown"),
@@ -281,6 +303,7 @@ _COORDINATES = {
         for q in ALL_QUANTITIES.values()
     },
     "percentile": Variable("percent", "percentile over the members, by weight", dtype="float64"),
+    "class_return_period": Variable("year", "return period of the classes of intensity", dtype="float64"),
     "return_period": Variable("year", "return period", dtype="float64"),
     "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),
     "time": Variable("s", "time since the release", dtype="float64"),
@@ -404,6 +427,8 @@ VARIABLES: dict[str, Variable] = {
     **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
     **_OBSERVED,
     **_OF_A_BED,
+    **_DANGER,
+    **_BOUNDARY,
     **_SLOPES,
     **_DIFFERENCES,
     **_of("auxiliaryInformation", _ENSEMBLE),

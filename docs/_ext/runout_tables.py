@@ -171,6 +171,31 @@ class ProcessTables(SphinxDirective):
         return nodes
 
 
+class SchemesTable(SphinxDirective):
+    """Table of the schemes of danger classes."""
+
+    def run(self) -> list[Any]:
+        from runout.config.scheme import names, read_scheme
+
+        schemes = {name: read_scheme(name) for name in names()}
+        rows = [
+            [f"`{name}`", _classes(scheme), _periods(scheme), ", ".join(scheme.states), scheme.source.title]
+            for name, scheme in schemes.items()
+        ]
+        return _table(self, ["name", "classes", "return periods [a]", "checked", "source"], rows)
+
+
+def _classes(scheme: Any) -> str:
+    return "; ".join(f"{one.name}: {' or '.join(map(str, one.when))} ({one.checked})" for one in scheme.classes)
+
+
+def _periods(scheme: Any) -> str:
+    """Return periods, or levels of individual risk."""
+    if scheme.risk:
+        return f"individual risk of {', '.join(f'{one:g}' for one in scheme.risk.annual)} a year ({scheme.risk.checked})"
+    return f"{', '.join(f'{one:g}' for one in scheme.return_periods.years)} ({scheme.return_periods.checked})"
+
+
 def _plain(block: Any) -> str:
     """A block of settings on one line."""
     return "{" + ", ".join(f"{k}: {_plain(v)}" for k, v in block.items()) + "}" if isinstance(block, dict) else f"{block}"
@@ -254,4 +279,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("presets", PresetsTable)
     app.add_directive("scores", ScoresTable)
     app.add_directive("processes", ProcessTables)
+    app.add_directive("schemes", SchemesTable)
     return {"parallel_read_safe": True}

@@ -7,11 +7,13 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from runout.config.distributions import Settings, quantity, refuse
+from runout.config.quantities import Text
 from runout.config.scenarios import LONGEST_PERIOD, ordered
 from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES, QUANTITIES, MapQuantity
 
 
-def _rising(values: list[float]) -> list[float]:
+def rising(values: list[float]) -> list[float]:
+    """The values; refused unless each is above the one before."""
     if any(b <= a for a, b in pairwise(values)):
         raise refuse(f"{values} does not rise", "list every value once, the smallest first")
     return values
@@ -20,10 +22,10 @@ def _rising(values: list[float]) -> list[float]:
 def _percent(values: list[float]) -> list[float]:
     if max(values) < 1:
         raise refuse(f"{values} are suspiciously small; percentiles are in percent here", "write 5 for 0.05")
-    return _rising(values)
+    return rising(values)
 
 
-def _limit(q: MapQuantity) -> Any:
+def limit(q: MapQuantity) -> Any:
     """A threshold of a quantity."""
     return Annotated[float, Field(ge=q.least_threshold) if q.least_threshold else Field(gt=0)]
 
@@ -32,7 +34,7 @@ def _thresholds(q: MapQuantity) -> tuple[Any, Any]:
     """The field of the thresholds of a quantity; inundation needs one of the thickness."""
     needed = q.name == "thickness"
     text = f"probability of at least this {q.words}" + ("" if needed else "; [] for none")
-    values: Any = Annotated[list[_limit(q)], Field(min_length=int(needed)), AfterValidator(_rising)]  # type: ignore[misc]
+    values: Any = Annotated[list[limit(q)], Field(min_length=int(needed)), AfterValidator(rising)]  # type: ignore[misc]
     if q.of_bed:
         default = f"; of sites with a bed, [{', '.join(map(str, q.thresholds))}] by default"
         return values | None, quantity(text + default, None, unit=q.units, hint=q.hint, examples=[list(q.thresholds)])
@@ -41,7 +43,7 @@ def _thresholds(q: MapQuantity) -> tuple[Any, Any]:
 
 def _part(q: MapQuantity) -> tuple[Any, Any]:
     """The field of the threshold of a quantity in a joint condition."""
-    return _limit(q) | None, quantity(f"at least this {q.extreme}", None, unit=q.units, hint=q.hint)
+    return limit(q) | None, quantity(f"at least this {q.extreme}", None, unit=q.units, hint=q.hint)
 
 
 class _JointSettings(Settings):
@@ -80,6 +82,11 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
         examples=[[{"thickness": 1.0, "speed": 1.0}]],
     )
     percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")
+    scheme: Text | None = quantity(
+        "scheme of danger classes: one that `runout schemes` lists, or a .yaml file of your own; needs ensemble.scenarios",
+        None,
+        examples=["swiss_debris_flow"],
+    )
     return_periods: ReturnPeriods | None = quantity(
         f"return periods of the maps of thickness, speed and pressure; of ensembles with annual rates, {list(RETURN_PERIODS)} by "
         "default; others have no such maps",

@@ -43,15 +43,15 @@ TAKEN_AWAY = {  # keys of earlier versions, and what to do
 SHAPES = {"<text>": "text", "<list>": "a list", "<block>": "a block {key: value, ...}", "<number>": "a number"}
 
 
-def problems_of(error: ValidationError, document: Document) -> list[Problem]:
-    """The problems behind a validation error, in the order of the file."""
-    found = [_problem(details, document) for details in error.errors(include_url=False)]
+def problems_of(error: ValidationError, document: Document, whole: type[BaseModel] = SiteSettings) -> list[Problem]:
+    """The problems behind a validation error of the model of a ``whole`` file, in the order of the file."""
+    found = [_problem(details, document, whole) for details in error.errors(include_url=False)]
     return sorted(found, key=lambda p: p.line or 0)
 
 
-def _problem(details: Mapping[str, Any], document: Document) -> Problem:
+def _problem(details: Mapping[str, Any], document: Document, whole: type[BaseModel]) -> Problem:
     location = tuple(part for part in details["loc"] if not _is_mark(part))
-    model, field = _looked_up(details["loc"], document)
+    model, field = _looked_up(details["loc"], document, whole)
     kind, context, value = details["type"], details.get("ctx", {}), details["input"]
     if kind == "runout":
         place = (*location, context["key"]) if context["key"] else location
@@ -59,7 +59,8 @@ def _problem(details: Mapping[str, Any], document: Document) -> Problem:
     if kind == "missing":
         return document.problem(location, "required key is missing", _missing_fix(field))
     if kind == "extra_forbidden":
-        return document.problem(location, "unknown key", _unknown_fix(location, model, document))
+        fix = _unknown_fix(location, model, document) if whole is SiteSettings else choice_fix(location[-1], model.model_fields)
+        return document.problem(location, "unknown key", fix)
     if kind == "union_tag_invalid":
         return _not_chosen(location, context, value, document)
     message, fix = _wrong_value(kind, context, value, details["msg"], field)
@@ -70,9 +71,9 @@ def _is_mark(part: Any) -> bool:
     return isinstance(part, str) and part.startswith("<")
 
 
-def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel], FieldInfo | None]:
-    """Innermost model of a location, and the field of that model that the location names."""
-    model: type[BaseModel] = SiteSettings
+def _looked_up(location: Location, document: Document, model: type[BaseModel]) -> tuple[type[BaseModel], FieldInfo | None]:
+    """Innermost model of a location in a file of a ``model``, and the field of that model that the location names."""
+    of_site = issubclass(model, SiteSettings)
     field: FieldInfo | None = None
     for part in location:
         if _is_mark(part):
@@ -81,7 +82,7 @@ def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel],
             field = model.model_fields.get(part)
             inner = inner_model(field.annotation) if field else None
             of_release = _model_of_release(location, part, document) if model is ReleaseSettings else None
-            model = of_release or _model_of_laws(part, model, document) or inner or model
+            model = of_release or (_model_of_laws(part, model, document) if of_site else None) or inner or model
     return model, field
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runout.config import bed, inflow, release_start
+from runout.config import bed, inflow, release_start, scheme
 from runout.config.design_table import DesignTable, as_stated, read_design
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, OF_RELEASE, PREFIX, sampled_ranges, stated_law
@@ -66,6 +66,7 @@ def load(path: Path | str) -> SiteSettings:
         except ValidationError as error:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_unusable_files(document, file.parent), *_coordinate_system(document)]
+        problems += scheme.site_problems(document, file.parent)
         if settings and not problems:
             problems += [*_unfit_releases(document, settings), *_unfit_scenarios(document, settings)]
         if settings and not problems:
@@ -218,10 +219,11 @@ def _unfit_sources(rows: DesignTable, settings: SiteSettings) -> Iterator[tuple[
 
 def _without_rates(document: Document, settings: SiteSettings | None) -> Iterator[Problem]:
     """Annual maps that are asked for without annual rates."""
-    if settings and settings.hazard.return_periods is not None and not settings.ensemble.has_rates:
-        missing = "the ensemble has no annual rates, so that its probabilities are conditional on the release"
-        fix = "state ensemble.scenarios, or a column annual_rate in ensemble.table, or remove it"
-        yield document.problem(("hazard", "return_periods"), missing, fix)
+    for key in ("return_periods", "scheme") if settings and not settings.ensemble.has_rates else ():
+        if document.value(("hazard", key)) is not None:
+            missing = "the ensemble has no annual rates, so that its probabilities are conditional on the release"
+            fix = "state ensemble.scenarios, or a column annual_rate in ensemble.table, or remove it"
+            yield document.problem(("hazard", key), missing, fix)
 
 
 def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Problem]:

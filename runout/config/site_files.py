@@ -17,6 +17,7 @@ from runout.config.observations import READERS, read_observations
 from runout.config.probes import read_probes
 from runout.config.remote import RemoteFile
 from runout.config.schema import SiteSettings
+from runout.config.scheme import is_file
 from runout.config.stated_at import Reading
 from runout.config.structures import raise_placed, read_bodies, read_protected_areas
 from runout.errors import InputError, StructureError
@@ -56,10 +57,11 @@ PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, b
     "inflows": tuple(("inflow", EACH, *key) for key in (("line",), ("polygon",), ("hydrograph",), ("pore_pressure", "ratio"))),
     "observations": tuple(("observations", name, key) for name, (key, _) in READERS.items()),
     "protected": (("structures", EACH, "protects"),),  # areas behind dams
+    "scheme": (("hazard", "scheme"),),
     "design": (("ensemble", "table"),),
 }
 OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed", "inflows")  # parts that members depend on
-OF_PRODUCTS = ("observations", "protected", "design")
+OF_PRODUCTS = ("observations", "protected", "scheme", "design")
 
 
 def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:
@@ -72,6 +74,8 @@ def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:
 def _at(value: Any, place: Location, location: Location = ()) -> Iterator[tuple[Location, Any]]:
     if location == ("bed",) and place == ("depth",) and next(_at(value, ("polygons",)), None):
         return  # an attribute of the polygons
+    if location == ("hazard", "scheme") and not is_file(value):
+        return  # one of runout
     if not place:
         if value and isinstance(value, str | RemoteFile):
             yield location, value

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from runout.errors import StorageError
+from runout.hazard.danger import INTENSITY, LEVEL, DangerClasses
 from runout.hazard.frequency import Frequencies, annual_exceedance, at_return_period
 from runout.hazard.joint import Condition, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
@@ -66,6 +67,7 @@ def aggregate(
     estimator: Estimator | Strata = INDEPENDENT,
     frequencies: Frequencies | None = None,
     return_periods: Sequence[float] = (),
+    danger: DangerClasses | None = None,
     memory_bytes: int = MEMORY_BYTES,
     folder: Path | None = None,
     each: Callable[[int, MemberMaps], None] | None = None,
@@ -98,8 +100,10 @@ def aggregate(
         Annual rates of the members, in the same order.
     return_periods : sequence of float
         Return periods [a] of maps of the values; they need ``frequencies``.
+    danger : DangerClasses, optional
+        Classes of intensity and levels of danger, for rates of the members in their order.
     memory_bytes : int
-        8 MiB at least are used.
+        1.25 MiB at least are used for each map of a member.
     folder : Path, optional
         Where a temporary file goes, 4 bytes for each map, cell and member where a member arrives; default: that of the first file.
     each : callable, optional
@@ -132,7 +136,7 @@ def aggregate(
                     empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
                     if frequencies is not None:
                         empty = with_annual_maps(empty, return_periods, quantities)
-                    maps = _Maps(empty, w, store, side, estimator, frequencies)
+                    maps = _Maps(empty if danger is None else danger.add_to(empty), w, store, side, estimator, frequencies, danger)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
@@ -187,14 +191,17 @@ class _Maps:
         Estimator of the standard errors.
     frequencies : Frequencies, optional
         Annual rates of the members.
+    danger : DangerClasses, optional
+        Classes of intensity and levels of danger.
     """
 
     def __init__(
         self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator | Strata,
-        frequencies: Frequencies | None = None,
+        frequencies: Frequencies | None = None, danger: DangerClasses | None = None,
     ):  # fmt: skip
         self.frequencies = frequencies
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
+        self.danger = danger
         self.joint = conditions_of(dataset)
         self.quantities = {name: quantity for name, quantity in ALL_QUANTITIES.items() if quantity.peak in dataset}
         self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
@@ -234,6 +241,10 @@ class _Maps:
             self._put_joint(tile, condition, k, members)
         if CHANGE_PERCENTILE in self.maps:
             self._put_change(tile, members)
+        if self.danger:
+            asked = [(k, name) for k, name in enumerate(self.quantities) if name in self.danger.quantities]
+            for name, layers in self.danger.tile({name: self.store.values_of(tile, k) for k, name in asked}, members):
+                self._put(tile, name, layers)
         arrival = self.store.values_of(tile, len(self.quantities))
         arrival[np.isnan(arrival)] = np.inf
         percentiles = CellValues(arrival, members, self.weights, absent=np.inf).percentiles(self.dataset["percentile"].values)
@@ -331,6 +342,10 @@ class _Maps:
             unknown = np.any([undefined[name] for name in condition], axis=0)
             for product in (*(f"joint_exceedance_{kind}" for kind in _KINDS), "joint_annual_exceedance"):
                 self._undefine(product, unknown, k)
+        if self.danger:
+            unknown = np.any([undefined[name] for name in self.danger.quantities if name in undefined], axis=0)
+            for name in (INTENSITY, LEVEL):
+                self._undefine(name, unknown)
         for name in (*self.quantities, "joint"):
             self._add_mean_error(name)
         return self.dataset

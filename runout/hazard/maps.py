@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.hazard.bed_maps import BED_MEANS, CHANGES
+from runout.hazard.boundary import DEVIATION, MEAN
+from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of, label
 from runout.hazard.joint import conditions_of
-from runout.hazard.style import class_edges, qml
+from runout.hazard.style import class_edges, palette, qml
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
 from runout.quantities import (
@@ -45,6 +47,7 @@ OBSERVED_MAPS = (  # of sites with observations
     "mean_elevation_change",
     "elevation_change_difference",
 )
+BOUNDARY_MAPS = (MEAN, DEVIATION)
 TERRAIN_MAPS = ("elevation", "ground_slope", "release_thickness")
 _VALUE = r"_[-+.0-9e]+(kPa)?"
 _JOINT = rf"(_({'|'.join(ALL_QUANTITIES)}){_VALUE})+"
@@ -59,7 +62,7 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS)):
+    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS, *BOUNDARY_MAPS)):
         if name in hazard:
             yield name, name, {}
     for quantity in ALL_QUANTITIES.values():
@@ -79,6 +82,10 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
             of = "_".join(f"{name}_{_stem(ALL_QUANTITIES[name], limit)}" for name, limit in condition.items())
             if f"joint_{kind}" in hazard:
                 yield f"joint_{kind}_{of}", f"joint_{kind}", {"joint": number}
+    for years in hazard[PERIOD].values if INTENSITY in hazard else ():
+        yield f"{INTENSITY}_{years:g}", INTENSITY, {PERIOD: float(years)}
+    if LEVEL in hazard:
+        yield LEVEL, LEVEL, {}
     for name in PERCENTILES:
         for value in hazard["percentile"].values if name in hazard else ():
             yield f"{name}_{value:g}", name, {"percentile": float(value)}
@@ -100,6 +107,8 @@ def write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
 
 
 def _style(hazard: "xr.Dataset", name: str) -> str:
+    if name in (INTENSITY, LEVEL):
+        return palette([(entry["number"], entry["colour"], label(entry)) for entry in entries_of(hazard, name)])
     units, divisor = VARIABLES[name].printed
     alike = [other for other in CHANGES if other in hazard] if name in CHANGES else [name]
     finite = [hazard[other].values[np.isfinite(hazard[other].values)] / divisor for other in alike]

@@ -2,10 +2,15 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
+from runout.hazard.danger import INTENSITY, LEVEL, entries_of, label
 from runout.hazard.style import class_colours
 from runout.hazard.vector_style import FILL, LINE, MARKER, categories, classes, one_symbol
 from runout.io.vector import PROBABILITY_LEVELS
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _RELEASE = "#d7263d"
 _OBSTACLE = "#6b4a2b"
@@ -43,6 +48,16 @@ def outline_styles() -> dict[str, str]:
         "return_periods": one_symbol(FILL, _outline(_RATE, "0.5"), "\"return_period_a\" || ' a'", _RATE),
         "probes": one_symbol(MARKER, {"color": _PROBE, "name": "circle"}, '"name"', _PROBE),
         "cross_sections": one_symbol(LINE, {"line_color": _PROBE, "line_width": "0.7"}, '"name"', _PROBE),
+    }
+
+
+def danger_styles(hazard: "xr.Dataset") -> dict[str, str]:
+    """Text of the QGIS style of the layers of classes and levels of danger; none without a scheme."""
+    layers = {"danger_level": (LEVEL, "level"), "intensity_class": (INTENSITY, "class")}
+    return {
+        layer: categories(FILL, column, [(e["name"], label(e), _filled(e["colour"], "#6b6b6b")) for e in entries_of(hazard, name)])
+        for layer, (name, column) in layers.items()
+        if name in hazard
     }
 
 

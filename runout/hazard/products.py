@@ -14,6 +14,8 @@ from runout.errors import ConfigError, PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import writers
 from runout.hazard.bed_maps import BedMaps
+from runout.hazard.boundary import BoundaryMaps
+from runout.hazard.danger import DangerClasses
 from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.frequency import Frequencies
 from runout.hazard.joint import stated_conditions
@@ -120,6 +122,7 @@ def _write_members(
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
     of_bed = BedMaps(ensemble.weights)
+    boundary = BoundaryMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
     title = f"{_title(site)}: members of the ensemble"
     with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as copy:
 
@@ -128,9 +131,11 @@ def _write_members(
             stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
             copy(number, member)
             of_bed.take(number, member)
+            boundary.take(number, member)
 
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
         of_bed.add_to(hazard)
+        boundary.add_to(hazard)
     return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
 
 
@@ -184,6 +189,7 @@ def hazard_dataset(
         estimator=estimator,
         frequencies=frequencies,
         return_periods=_return_periods(settings, frequencies),
+        danger=DangerClasses.of(site, frequencies),
         folder=folder,
         each=each,
     )

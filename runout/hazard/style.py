@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import count
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,7 +11,7 @@ from runout.io.vector import PROBABILITY_LEVELS
 
 PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 DIVERGING = "RdBu_r"
-_SIGNED = ("difference", "change")  # symmetric about 0
+_SIGNED = ("difference", "change", "distance_mean")  # symmetric about 0
 _RAMPS = dict.fromkeys(_SIGNED, DIVERGING)
 _RAMPS |= {
     "standard_error": "Purples",
@@ -145,6 +146,18 @@ def qml(edges: Sequence[float], unit: str, name: str) -> str:
         _add_stops(shader, edges, legend_unit, _ramp(name))
     else:
         _add_classes(shader, list(edges), legend_unit, _ramp(name), transparent=not any(word in name for word in _OPAQUE))
+    ElementTree.indent(root)
+    return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def palette(entries: Sequence[tuple[int, str, str]]) -> str:
+    """Text of a QGIS style of a map of classes: number, colour and words of each; other values are transparent."""
+    root = ElementTree.Element("qgis", version="3.22.0", styleCategories="Symbology")
+    renderer: Any = {"type": "paletted", "band": "1", "alphaBand": "-1", "opacity": "0.8", "nodataColor": ""}
+    shown = ElementTree.SubElement(ElementTree.SubElement(root, "pipe"), "rasterrenderer", renderer)
+    colours = ElementTree.SubElement(shown, "colorPalette")
+    for number, colour, words in entries:
+        ElementTree.SubElement(colours, "paletteEntry", value=str(number), color=colour, alpha="255", label=words)
     ElementTree.indent(root)
     return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
 

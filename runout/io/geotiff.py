@@ -28,6 +28,7 @@ _CARRIED = (
     "configuration_sha256",
     "vertical_datum",
 )
+_OF_CLASSES = ("flag_meanings", "scheme", "checked")  # attributes of a map of classes
 _AVERAGED = ("elevation", "ground_slope")  # overviews are means; at the edge of a flow a mean would mislead
 
 
@@ -118,6 +119,7 @@ def statistics(known: np.ndarray, cells: int) -> dict[str, str]:
 def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, float]) -> dict[str, Any]:
     variable = VARIABLES[str(layer.name)]
     stated = {key: dataset.attrs[key] for key in _CARRIED if key in dataset.attrs}
+    stated |= {key: layer.attrs[key] for key in _OF_CLASSES if key in layer.attrs}
     chosen = {dim: _printed(dim, value) for dim, value in selection.items()}
     chosen |= {str(name): str(text.item()) for name, text in layer.coords.items() if text.ndim == 0 and text.dtype.kind in "OU"}
     described = variable.attributes() | {"units": variable.printed[0]}

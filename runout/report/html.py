@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.report import figures, probe_figures, sheets, tables
+from runout.report.danger import danger_section
 from runout.report.elsewhere import Helpers
 from runout.report.maps import Basemap
 from runout.report.members import representative
@@ -82,6 +83,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "headline": printed[: len(headline)],
         "further": printed[len(headline) : len(headline) + len(further)],
         "legend": _legend(study),
+        "danger": _danger(study, window),
         "observed": _observed(study, printed[len(headline) + len(further) :]),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study, settings),
@@ -93,6 +95,12 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "provenance": tables.provenance(study.run),
         **drawn(),
     }
+
+
+def _danger(study: Study, window: Window) -> dict[str, Any] | None:
+    """Classes and levels of danger; None for a site without a scheme."""
+    section = danger_section(study, window)
+    return section and {**section, "figures": [(title, embedded(picture)) for title, picture in section["figures"]]}
 
 
 def _figures(study: Study, window: Window, error: LoadError) -> dict[str, Any]:

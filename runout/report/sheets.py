@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.hazard.bed_maps import CHANGES, MEAN_CHANGE, MEAN_SHARE
+from runout.hazard.boundary import DEVIATION
 from runout.hazard.joint import conditions_of
 from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, CHANGE_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.report.maps import Basemap, draw_location
@@ -76,6 +77,7 @@ def headline_sheets(study: Study) -> list[Sheet]:
         _arrival_sheet(hazard),
         *_deposit_sheets(hazard),
         *_bed_sheets(hazard),
+        *_boundary_sheets(hazard),
     ]
 
 
@@ -234,6 +236,18 @@ def _bed_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
         "alone. Cells without deposit have no colour."
     )
     yield Sheet("Share of the bed in the deposit", caption, hazard[MEAN_SHARE].values, "share")
+
+
+def _boundary_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
+    """How far the boundary of the flow moves from member to member."""
+    if DEVIATION not in hazard:
+        return
+    width = hazard[DEVIATION].attrs.get("along_the_median_outline", "")
+    caption = (
+        "Standard deviation over the members of the distance of a cell to the boundary of the flow: by so many metres the boundary "
+        f"shown on other maps may lie elsewhere. {width[:1].upper()}{width[1:]}{'.' if width else ''}".rstrip()
+    )
+    yield Sheet("Position of the boundary", caption, hazard[DEVIATION].values, "distance")
 
 
 def _bed_percentile_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:

@@ -71,6 +71,7 @@ STYLES = {
     "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
     "share": MapStyle("share of the bed [1]", "YlOrBr", steps=TENTHS),
     **{name: _style_of(quantity) for name, quantity in ALL_QUANTITIES.items()},
+    "distance": MapStyle("standard deviation [m]", "viridis_r", faintest=-math.inf),
     "difference": MapStyle("change or difference [m]", "RdBu_r", faintest=-math.inf, diverging=True),
 }
 

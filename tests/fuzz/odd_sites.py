@@ -101,6 +101,24 @@ observations:
   thalweg: {line: inputs/line.geojson}
 report: {stills: none}
 """
+SCHEME = """\
+title: of the fuzzer
+process: any
+source: {title: none, edition: none, address: none}
+classes:
+  - {name: low, when: [{reached: true}], checked: memory}
+  - {name: mean, when: [{thickness: 0.5, speed: 0.5}, {deposit: 1}], checked: memory, note: of a test}
+  - {name: high, when: [{pressure: 3000, thickness: 1}, {house_strength: {force: 35300, height: 5.6}}], checked: memory}
+return_periods: {years: [30, 100], checked: memory}
+levels:
+  - {name: yellow, colour: "#ffff00", consequence: Little happens., checked: memory}
+  - {name: red, colour: "#ff0000", consequence: Much happens., checked: memory}
+matrix:
+  rows: {low: [yellow, yellow], mean: [red, yellow], high: [red, red]}
+  checked: memory
+beyond: yellow
+does_not_say: [What a real one says.]
+"""
 TABLE = """\
 basal_friction_angle_deg,weight,annual_rate,scenario,seed
 18,0.75,0.03,often,4
@@ -171,6 +189,7 @@ WET = {  # lines of a site with all blocks, in the place of lines of SITE
       power_law: {coefficient: 2, exponent: 0.5, low: 100, high: 1.0e+6}
 hazard:
   return_periods: [30, 100]
+  scheme: inputs/scheme.yaml
   thickness_thresholds: [0.1, 1]
   eroded_depth_thresholds: [0.5]
   net_erosion_thresholds: [0.1, 0.5]
@@ -262,6 +281,7 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
         ]
         (inputs / f"{name}.geojson").write_text(json.dumps(content), encoding="utf-8")
     (inputs / "q.csv").write_text("time,discharge\n0,0\n1,20\n3,0\n", encoding="utf-8")
+    (inputs / "scheme.yaml").write_text(SCHEME, encoding="utf-8")
     (inputs / "v.csv").write_text("time,discharge,velocity\n0,0,1\n1,20,2\n3,0,1\n", encoding="utf-8")
 
 
@@ -277,6 +297,19 @@ def odd_members(folder: Path, random: Random) -> None:
             [scalar(random), "", "nan", "1e999", "pile.fails", "weight", "seed", "basal_mu", "-1"]
         )
     content = "\n".join(",".join(row) for row in rows).encode("utf-8", errors="surrogatepass")
+    path.write_bytes(mutated(content, random) if random.random() < 0.2 else content)
+
+
+def odd_scheme(folder: Path, random: Random) -> None:
+    """A scheme of danger classes with odd values or bytes."""
+    path = folder / "inputs" / "scheme.yaml"
+    lines = SCHEME.splitlines()
+    for _ in range(random.choice([1, 1, 2])):
+        k = random.randrange(len(lines))
+        key = lines[k].partition(":")[0]
+        other = lines[random.randrange(len(lines))]
+        lines[k] = random.choice(["", other, f"{key}: {scalar(random)}", f"{key}: [{scalar(random)}]"])
+    content = "\n".join(lines).encode("utf-8", errors="surrogatepass")
     path.write_bytes(mutated(content, random) if random.random() < 0.2 else content)
 
 
@@ -343,7 +376,7 @@ INSERTED = (
     "low", "high", "block", "elsewhere", "polygons", "bed", "depth", "erosion", "bulking", "most", "growth_rate", "specific_energy",
     "bed_density", "erosion_most", "eroded_depth_thresholds", "net_deposition_thresholds", "joint",
     "inflow", "line", "polygon", "hydrograph", "discharge_factor", "inflow_delay", "start_time", "velocity", "speed", "azimuth_deg",
-    "starts_when", "arrives", "scenarios", "table", "return_period", "annual_rate", "power_law", "return_periods",
+    "starts_when", "arrives", "scenarios", "table", "return_period", "annual_rate", "power_law", "return_periods", "scheme",
     "scar.start_time", "pile.basal_mu", "spring.start_time",
 )  # fmt: skip
 
@@ -532,11 +565,12 @@ KINDS: dict[str, Callable[[Path, Random], None]] = {
     "vector": odd_vector,
     "hydrograph": odd_hydrograph,
     "members": odd_members,
+    "scheme": odd_scheme,
     "huge": huge,
     "extent": odd_extent,
     "hdf5": odd_hdf5,
 }
-OFTEN = ["yaml", "raster", "vector"] * 4 + ["hydrograph", "members", "huge", "extent", "hdf5"]
+OFTEN = ["yaml", "raster", "vector"] * 4 + ["hydrograph", "members", "scheme", "huge", "extent", "hdf5"]
 
 
 def write_odd_site(folder: Path, seed: int) -> str:

@@ -98,6 +98,7 @@ class FakeSite:
                 **{QUANTITIES[name].setting: limits for name, limits in THRESHOLDS.items()},
                 joint=[{"thickness": 2.0, "speed": 3.0}, {"pressure": 3e4, "deposit": 0.7, "momentum_flux": 1.0}],
                 percentiles=[5, 50, 95],
+                scheme=None,
             ),
             ensemble=SimpleNamespace(seed=7),
             simulation=SimpleNamespace(device="cpu"),

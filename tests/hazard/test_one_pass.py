@@ -168,7 +168,7 @@ def test_memory_of_an_aggregation_is_bounded_by_what_it_says(
     """The worst case, beside the maps: all cells wet in all members; about as much on four times the raster."""
     monkeypatch.setattr(exceedance, "MemberMaps", Full)
     monkeypatch.setattr(exceedance, "zeros_by_page", np.zeros)  # which the tracing of memory sees
-    memory_bytes = 8 * 1024**2
+    memory_bytes = int(1.25 * len(MEMBER_MAPS) * 1024**2)
     aggregate([tmp_path / "64x64"] * 4, [1.0] * 4, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=memory_bytes)  # imports
     extra = []
     for rows, columns in ((64, 64), (64, 256)) if members > 24 else ((256, 256), (512, 512)):

@@ -118,8 +118,9 @@ def hazard_dataset(maps):
     added = [q for q in QUANTITIES.values() if q.name not in stacks]
     stacks |= {q.name: (np.vectorize(q.formula, otypes=[float])(0.7 * thickness, speed, 2000.0), q.thresholds) for q in added}
     for name, (values, levels) in stacks.items():
-        hazard[f"{name}_threshold"] = list(levels)
-        add_exceedance(hazard, name, f"{name}_threshold", np.stack([values > level for level in levels]))
+        if levels:
+            hazard[f"{name}_threshold"] = list(levels)
+            add_exceedance(hazard, name, f"{name}_threshold", np.stack([values > level for level in levels]))
         quantity = QUANTITIES[name]
         hazard[quantity.percentile] = (("percentile", "y", "x"), np.percentile(values, [5, 50, 95], axis=0))
         hazard[quantity.peak] = (("y", "x"), values.max(axis=0))

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of
 from runout.hazard.observed import observed_layers
-from runout.hazard.outline_style import outline_styles
+from runout.hazard.outline_style import danger_styles, outline_styles
 from runout.hazard.writers import Products
 from runout.io.vector import outline, reaches, write_outlines
 from runout.quantities import QUANTITIES
@@ -29,12 +32,40 @@ def write(products: Products) -> list[Path]:
         attributes={"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | products.ensemble.counts(),
         zones=site.files.zones(),
         obstacles=[part for obstacles in site.files.obstacles() for part in obstacles.parts],
-        styles=outline_styles(),
+        styles=outline_styles() | danger_styles(hazard),
         further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())}
         | inflow_layers(site.files.inflows().require())
-        | return_period_layer(hazard, terrain),
+        | return_period_layer(hazard, terrain)
+        | danger_layers(hazard, terrain),
     )
     return [path]
+
+
+def danger_layers(hazard: "xr.Dataset", terrain: "Terrain") -> dict[str, tuple[str, list[dict[str, Any]]]]:
+    """Layers ``danger_level`` and ``intensity_class``: a multipolygon for each level, and for each class and return period."""
+    if INTENSITY not in hazard:
+        return {}
+    of_classes = [
+        {"return_period_years": float(years), **row}
+        for years in hazard[PERIOD].values
+        for row in _areas(hazard, INTENSITY, hazard[INTENSITY].sel({PERIOD: years}).values, terrain, "class")
+    ]
+    of_levels = _areas(hazard, LEVEL, hazard[LEVEL].values, terrain, "level") if LEVEL in hazard else []
+    layers = {"danger_level": ("MultiPolygon", of_levels), "intensity_class": ("MultiPolygon", of_classes)}
+    return {name: layer for name, layer in layers.items() if layer[1]}
+
+
+def _areas(hazard: "xr.Dataset", name: str, values: np.ndarray, terrain: "Terrain", column: str) -> list[dict[str, Any]]:
+    """Rows of the classes or levels that occur in a map, with outline, area, meaning and state of checking."""
+    return [
+        {
+            column: entry["name"], "number": entry["number"], "meaning": entry["text"], "checked": entry["checked"],
+            "scheme": hazard[name].attrs["scheme"], "area_m2": float((values == entry["number"]).sum() * terrain.cell_area),
+            "geometry": outline(values == entry["number"], terrain),
+        }
+        for entry in entries_of(hazard, name)
+        if (values == entry["number"]).any()
+    ]  # fmt: skip
 
 
 def return_period_layer(hazard: "xr.Dataset", terrain: "Terrain") -> dict[str, tuple[str, list[dict[str, Any]]]]:

@@ -1,0 +1,195 @@
+"""Classes of intensity at return periods and levels of danger, after a scheme (:mod:`runout.config.scheme`).
+
+Each member has a class in each cell: the strongest of which it meets a criterion. At a return period T a cell has the strongest
+class that is reached at an annual rate of 1/T or more. Its level of danger is the highest that the matrix has for these classes.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.config.scheme import Scheme, read_scheme
+from runout.errors import ConfigError
+from runout.hazard.frequency import Frequencies, at_return_period
+from runout.hazard.style import class_colours
+from runout.io import netcdf
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from runout.config.site import Site
+
+INTENSITY, LEVEL, PERIOD = "intensity_class", "danger_level", "class_return_period"
+UNKNOWN = 255
+
+
+@dataclass(frozen=True)
+class DangerClasses:
+    """Classes and levels of the cells.
+
+    Attributes
+    ----------
+    scheme : Scheme
+    rate : ndarray (members,)
+        Annual rate of each member [1/a].
+    arrival_threshold : float
+        Thickness from which the flow reaches a cell [m]: the lowest threshold of inundation.
+    has_bed : bool
+        Whether the members have an erodible bed.
+    """
+
+    scheme: Scheme
+    rate: np.ndarray
+    arrival_threshold: float
+    has_bed: bool = False
+
+    @classmethod
+    def of(cls, site: "Site", frequencies: Frequencies | None) -> "DangerClasses | None":
+        """Classes of a site; None if it states no scheme.
+
+        Raises
+        ------
+        ConfigError
+            If the scheme cannot be read, or the members have no annual rates.
+        """
+        settings = site.settings.hazard
+        if not settings.scheme:
+            return None
+        scheme = read_scheme(settings.scheme, site.folder)
+        if frequencies is None:
+            raise ConfigError(
+                f"hazard.scheme {settings.scheme}: the members have no annual rates, and the fraction of an ensemble is not an "
+                "annual probability; state ensemble.scenarios with return_period or annual_rate"
+            )
+        return cls(scheme, frequencies.rate, min(settings.thickness_thresholds), bool(getattr(site.settings, "bed", None)))
+
+    @property
+    def quantities(self) -> list[str]:
+        """Names of the quantities that decide; the thickness is the first."""
+        of_scheme = [name for one in self.scheme.classes for criterion in one.when for name in _maps_of(criterion)]
+        return list(dict.fromkeys(["thickness", *of_scheme]))
+
+    def classes(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Class of each member in each cell: 0 where it meets no criterion, else the place of the class from 1 on.
+
+        ``values`` are maps by the names of the quantities, all of one shape; a quantity without a map counts as 0.
+        """
+        classes = np.zeros(values["thickness"].shape, np.uint8)
+        for number, one in enumerate(self.scheme.classes, 1):
+            for criterion in one.when:
+                classes[self._met(criterion, values)] = number
+        return classes
+
+    def _met(self, criterion: Any, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        if criterion.house_strength:
+            return _breaks_house(values["pressure"], values["thickness"], criterion.house_strength)
+        met = np.ones(values["thickness"].shape, bool)
+        for name, least in ({"thickness": self.arrival_threshold} if criterion.reached else criterion.mapped).items():
+            met &= values[name] >= np.float32(least) if name in values else False
+        return met
+
+    def at_periods(self, classes: np.ndarray, members: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
+        """Maps by name from the classes (members, ...): class at each return period (periods, ...), and level of danger (...).
+
+        ``members`` are the places of the rows of ``classes`` among the rates; the others have the class 0.
+        """
+        rate, values = self.rate[members], classes.astype(np.float32)
+        ever = np.asarray((classes[rate > 0] > 0).any(axis=0))
+        at_each = [np.nan_to_num(at_return_period(values, rate, years)).astype(np.uint8) for years in self.scheme.years]
+        maps = {INTENSITY: np.stack(at_each)}
+        if self.scheme.matrix:
+            maps[LEVEL] = self._level(maps[INTENSITY], ever)
+        return maps
+
+    def _level(self, intensity: np.ndarray, ever: np.ndarray) -> np.ndarray:
+        """Highest level of the matrix for the classes (periods, ...); the one beyond where the cell is ``ever`` reached."""
+        level = np.zeros(ever.shape, np.uint8)
+        for period, at_period in enumerate(intensity):
+            cells = [0, *(self.scheme.level_number(one.name, period) for one in self.scheme.classes)]
+            level = np.maximum(level, np.array(cells, np.uint8)[at_period])
+        if self.scheme.beyond:
+            names = [one.name for one in self.scheme.levels]
+            level[(level == 0) & ever] = names.index(self.scheme.beyond) + 1
+        return level
+
+    def tile(self, values: Mapping[str, np.ndarray], members: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        """Name and values (..., cells) of each map from values (cells, members)."""
+        yield from self.at_periods(self.classes(values).T, members).items()
+
+    def record(self) -> dict[str, Any]:
+        """What a reader has to know of the maps: classes and levels with colours and state of checking, matrix, source, limits."""
+        scheme = self.scheme
+        periods = scheme.return_periods or scheme.risk
+        colours = class_colours("YlOrRd", len(scheme.classes))
+        return scheme.model_dump(include={"title", "process", "does_not_say", "source", "beyond", "matrix", "risk"}) | {
+            "return_periods": {"years": scheme.years, "checked": periods.checked if periods else ""},
+            "remarks": scheme.remarks(self.has_bed),
+            "classes": [
+                _entry(number, one.name, colour, one.checked, "; ".join(filter(None, (" or ".join(map(str, one.when)), one.note))))
+                for number, (one, colour) in enumerate(zip(scheme.classes, colours, strict=True), 1)
+            ],
+            "levels": [
+                _entry(number, one.name, one.colour, one.checked, one.consequence) for number, one in enumerate(scheme.levels, 1)
+            ],
+        }
+
+    def add_to(self, dataset: "xr.Dataset") -> "xr.Dataset":
+        """The dataset with maps of class 0, and level 0 if there is a matrix, with the meanings of their numbers."""
+        shape, scheme, record = (dataset.sizes["y"], dataset.sizes["x"]), self.scheme, self.record()
+        dataset = dataset.assign_coords({PERIOD: np.array(scheme.years, np.float64)})
+        netcdf.add_map(dataset, INTENSITY, np.zeros((len(scheme.years), *shape), np.uint8), (PERIOD,))
+        dataset[INTENSITY].attrs |= _flags("not reached", record["classes"])
+        if scheme.matrix:
+            netcdf.add_map(dataset, LEVEL, np.zeros(shape, np.uint8))
+            dataset[LEVEL].attrs |= _flags("not in danger", record["levels"])
+        for name in (INTENSITY, LEVEL) if scheme.matrix else (INTENSITY,):
+            dataset[name].attrs |= {"scheme": scheme.title, "scheme_record": json.dumps(record)}
+        return dataset
+
+
+def _entry(number: int, name: str, colour: str, checked: str, text: str) -> dict[str, Any]:
+    return {"number": number, "name": name, "colour": colour, "checked": checked, "text": text}
+
+
+def _flags(nothing: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Attributes of a map of classes or levels: values, meanings as CF writes them, and how each was checked."""
+    names = [nothing, *(entry["name"] for entry in entries)]
+    return {
+        "flag_values": np.arange(len(names), dtype=np.uint8),
+        "flag_meanings": " ".join(re.sub(r"[^A-Za-z0-9_.+-]+", "_", name) for name in names),
+        "checked": "; ".join(f"{entry['name']}: {entry['checked']}" for entry in entries),
+    }
+
+
+def scheme_record(hazard: "xr.Dataset") -> dict[str, Any] | None:
+    """The record of :meth:`DangerClasses.record` in hazard maps; None if they have no classes."""
+    return json.loads(hazard[INTENSITY].attrs["scheme_record"]) if INTENSITY in hazard else None
+
+
+def entries_of(hazard: "xr.Dataset", name: str) -> list[dict[str, Any]]:
+    """Entries of the record with the meanings of the numbers of a map, the lowest first."""
+    record = scheme_record(hazard)
+    return record["levels" if name == LEVEL else "classes"] if record else []
+
+
+def label(entry: Mapping[str, Any]) -> str:
+    """Words of a class or level for a legend, with the state of checking."""
+    return f"{entry['name']} (checked: {entry['checked']})"
+
+
+def _maps_of(criterion: Any) -> Sequence[str]:
+    return ("pressure", "thickness") if criterion.house_strength else tuple(criterion.mapped)
+
+
+def _breaks_house(pressure: np.ndarray, thickness: np.ndarray, strength: Any) -> np.ndarray:
+    """Where a pressure [Pa] exceeds the strength of a house; never too small an area, though the maxima are of different times.
+
+    Up to half of the height the strength falls with the thickness, and above it the least one counts: so the strength at the
+    largest thickness is at most that at the time of the largest pressure.
+    """
+    height = np.minimum(thickness, np.float32(0.5 * strength.height)).astype(np.float64)
+    return (pressure > 0) & (pressure * height * (strength.height - height) >= strength.force)
