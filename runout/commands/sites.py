@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from runout.commands.options import Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
+from runout.commands.options import Changes, Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
 from runout.commands.written import Written
 from runout.errors import ExitCode
 
@@ -42,11 +42,11 @@ def new(
 
 
 @command(writes=False, short=True)
-def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
+def check(site: SiteArgument, *, device: Device = None, changes: Changes = (), session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
     from runout.workflow.preview import check_site
 
-    return check_site(site, session.out, device)
+    return check_site(site, session.out, device, changes)
 
 
 @command(short=True)
@@ -59,13 +59,14 @@ def run(
     retry_failed: RetryFailed = False,
     force: Force = False,
     cluster: OnCluster = None,
+    changes: Changes = (),
     session: Injected,
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from runout.workflow.hazard_map import STAGES
 
     choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed, "force": force}
-    return _stages(site, STAGES, session, **choices, cluster=cluster)
+    return _stages(site, STAGES, session, **choices, cluster=cluster, changes=changes)
 
 
 @command(short=True)
@@ -110,11 +111,11 @@ def report(site: SiteArgument, *, force: Force = False, session: Injected) -> in
 
 
 @command(writes=False, short=True)
-def status(site: SiteArgument, *, session: Injected) -> int:
+def status(site: SiteArgument, *, changes: Changes = (), session: Injected) -> int:
     """List done, failed and remaining members with reasons, and the stages that are up to date."""
     from runout.workflow.status import print_status
 
-    return print_status(site, session.out)
+    return print_status(site, session.out, changes)
 
 
 @command()

@@ -211,6 +211,7 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
         configuration=site.resolved(),
         seed=settings.ensemble.seed,
         device=settings.simulation.device,
+        changes=site.changes,
     )
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
     zones = site.files.zones()

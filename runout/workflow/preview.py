@@ -1,5 +1,6 @@
 """Previews a run of a site: its problems, or its stages and cost. Changes nothing."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from runout.workflow.study import Study
 
 
-def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
-    """Print problems and warnings of a site, the stages of a run with reasons, and its forecast.
+def check_site(site_path: Path, out: Path | None = None, device: str | None = None, changes: Sequence[str] = ()) -> int:
+    """Print problems and warnings of a site, with ``changes`` of its settings, the stages of a run with reasons, and its forecast.
 
     Returns
     -------
@@ -31,7 +32,7 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
 
     console = log.output()
     with log.muted():
-        found = inspect(_counted(console, site_path) or site_path)
+        found = inspect(_counted(console, site_path, changes) or site_path, changes=changes)
     results = out or (site_path if site_path.is_dir() else site_path.parent) / "results"
     found.problems += filter(None, [fault_in_results(results)])
     for problem in found.problems:
@@ -48,13 +49,13 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     return _print_plan(console, found, found.site, out, device)
 
 
-def _counted(console: "Console", site_path: Path) -> "Site | None":
+def _counted(console: "Console", site_path: Path, changes: Sequence[str]) -> "Site | None":
     """Print the number of particles before all that takes time; the site, or None if its settings are wrong."""
     from runout.config.site import read_site
     from runout.workflow.plan import particle_count, particle_line
 
     try:
-        site = read_site(site_path)
+        site = read_site(site_path, changes)
     except ConfigError:
         return None
     with suppress(RunoutError):  # the inspection names all problems

@@ -86,6 +86,7 @@ class FakeSite:
     folder: Path
     crs: str | None = "EPSG:32616"
     name: str = "valley"
+    changes: tuple[str, ...] = ()
     settings: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(
             title="A made-up valley",
