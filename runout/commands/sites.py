@@ -149,6 +149,22 @@ def simulate(
 
 
 @command()
+def reproduce(
+    product: Annotated[Path, Parameter(help="A hazard.nc, or its results folder.")],
+    *,
+    site: Annotated[Path | None, Parameter(help="Folder with the inputs of the site [default: that above the results].")] = None,
+    workers: Workers = None,
+    threads: Threads = None,
+    device: Device = None,
+    session: Injected,
+) -> int:
+    """Run a hazard.nc again from the settings that it holds, and compare all maps to the bit; --out DIR keeps the new ones."""
+    from runout.workflow.reproduction import reproduce as run_again
+
+    return run_again(product, session.out, site, workers=workers, threads=threads, device=device)
+
+
+@command()
 def compare(
     first: Annotated[Path, Parameter(help="What is scored: a site, its results, hazard.nc, a member, run.nc, or a raster.")],
     second: Annotated[Path, Parameter(help="What it is scored against: one of these, an outline, or points.")],

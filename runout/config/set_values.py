@@ -14,7 +14,7 @@ from runout.errors import Problem
 OPTION = "--set"
 FORM = "write KEY=VALUE, such as simulation.cell_size=20, release.scar.thickness=4 or release[0].thickness=4"
 SAMPLED = ("ensemble", "parameters")
-PREFIXES = {(): "", ("material",): "", ("basal_friction",): "basal_"}  # of sampled parameters, by the block that states them
+PREFIXES: dict[Location, str] = {(): "", ("material",): "", ("basal_friction",): "basal_"}  # of sampled parameters, by the block that states them
 
 
 class _Refused(Exception):
@@ -52,7 +52,9 @@ def _set(document: Document, key: str, text: str) -> None:
     content = read_text(text, OPTION)
     if content.problems:
         raise _Refused(content.problems[0].message, content.problems[0].fix)
-    location, new, block = (), (), document.values
+    location: Location = ()
+    new: Location = ()
+    block = document.values
     *parents, last = _parts(document, key)
     for part in parents:
         part = _entry(block, location, part)

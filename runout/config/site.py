@@ -176,6 +176,10 @@ class Site:
         """
         return self.files.paths()
 
+    def stated(self) -> dict[str, Any]:
+        """What site.yaml and the command line state, without defaults, as plain values of a site.yaml that says the same."""
+        return self.settings.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+
     def resolved(self) -> dict[str, Any]:
         """Complete configuration with defaults as plain dicts, lists, numbers and text; angles in degrees.
 

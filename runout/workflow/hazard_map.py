@@ -116,6 +116,11 @@ def run(
         raise
     if members is not None:
         return _run_part(study, members)
+    return run_study(study, stages, force)
+
+
+def run_study(study: Study, stages: Sequence[str] = STAGES, force: bool = False) -> Outcome:
+    """Run the stages of a study that are not up to date; arguments and errors as of :func:`run`."""
     with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -105,6 +106,10 @@ class FakeSite:
             inflow=None,
         )
     )
+
+    def stated(self) -> dict[str, Any]:
+        """What its site.yaml would say."""
+        return {"name": self.name}
 
     def terrain(self) -> Terrain:
         """The terrain of the members."""
