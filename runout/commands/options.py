@@ -67,4 +67,7 @@ Changes = Annotated[
         name="--set", consume_multiple=True, negative="", help="KEY=VALUE in place of what site.yaml states; several may follow."
     ),
 ]
+Budget = Annotated[
+    str | None, Parameter(name="--budget", help="Choose cells and number of members that fit into a time: 90s, 30min, 2h.")
+]
 OnCluster = Annotated[Cluster | None, Parameter(name="*", group="Other machines")]

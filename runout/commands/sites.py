@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from runout.commands.options import Changes, Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
+from runout.commands.options import Budget, Changes, Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
 from runout.commands.written import Written
 from runout.errors import ExitCode
 
@@ -42,11 +42,11 @@ def new(
 
 
 @command(writes=False, short=True)
-def check(site: SiteArgument, *, device: Device = None, changes: Changes = (), session: Injected) -> int:
+def check(site: SiteArgument, *, device: Device = None, changes: Changes = (), budget: Budget = None, session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
     from runout.workflow.preview import check_site
 
-    return check_site(site, session.out, device, changes)
+    return check_site(site, session.out, device, changes, budget)
 
 
 @command(short=True)
@@ -60,13 +60,14 @@ def run(
     force: Force = False,
     cluster: OnCluster = None,
     changes: Changes = (),
+    budget: Budget = None,
     session: Injected,
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from runout.workflow.hazard_map import STAGES
 
     choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed, "force": force}
-    return _stages(site, STAGES, session, **choices, cluster=cluster, changes=changes)
+    return _stages(site, STAGES, session, **choices, cluster=cluster, changes=changes, budget=budget)
 
 
 @command(short=True)

@@ -14,7 +14,11 @@ from runout.errors import Problem
 OPTION = "--set"
 FORM = "write KEY=VALUE, such as simulation.cell_size=20, release.scar.thickness=4 or release[0].thickness=4"
 SAMPLED = ("ensemble", "parameters")
-PREFIXES: dict[Location, str] = {(): "", ("material",): "", ("basal_friction",): "basal_"}  # of sampled parameters, by the block that states them
+PREFIXES: dict[Location, str] = {
+    (): "",
+    ("material",): "",
+    ("basal_friction",): "basal_",
+}  # of sampled parameters, by the block that states them
 
 
 class _Refused(Exception):

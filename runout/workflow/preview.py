@@ -17,8 +17,16 @@ if TYPE_CHECKING:
     from runout.workflow.study import Study
 
 
-def check_site(site_path: Path, out: Path | None = None, device: str | None = None, changes: Sequence[str] = ()) -> int:
+def check_site(
+    site_path: Path,
+    out: Path | None = None,
+    device: str | None = None,
+    changes: Sequence[str] = (),
+    budget: str | None = None,
+) -> int:
     """Print problems and warnings of a site, with ``changes`` of its settings, the stages of a run with reasons, and its forecast.
+
+    With a ``budget`` such as "30min" cells and members are those that fit (:mod:`runout.workflow.time_budget`).
 
     Returns
     -------
@@ -34,6 +42,10 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     with log.muted():
         found = inspect(_counted(console, site_path, changes) or site_path, changes=changes)
     results = out or (site_path if site_path.is_dir() else site_path.parent) / "results"
+    if budget is not None and found.site is not None and not found.problems:
+        with log.muted():
+            changes = [*changes, *_fitting(console, found.site, budget, results, changes, device)]
+            found = inspect(site_path, changes=changes)
     found.problems += filter(None, [fault_in_results(results)])
     for problem in found.problems:
         console.print(Text.assemble(("problem ", "bold red"), problem))
@@ -47,6 +59,23 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     if found.zones:
         console.print(found.zones.statement(), markup=False)
     return _print_plan(console, found, found.site, out, device)
+
+
+def _fitting(
+    console: "Console", site: "Site", budget: str, results: Path, changes: Sequence[str], device: str | None
+) -> tuple[str, ...]:  # fmt: skip
+    """Settings that fit into a time, after printing the choices."""
+    from runout.forecast.step_cost import quick_step_cost
+    from runout.workflow.compilation import kernels_noted
+    from runout.workflow.time_budget import TimeBudget, best
+
+    site = site if device is None else site.on_device(device)
+    cost_of = partial(quick_step_cost, compiled=partial(kernels_noted, site))
+    limit = TimeBudget.of(site, budget, results, changes, cost_of=cost_of)
+    choices = limit.choices()
+    for line in limit.lines(choices):
+        console.print(line, markup=False)
+    return limit.settings(best(choices))
 
 
 def _counted(console: "Console", site_path: Path, changes: Sequence[str]) -> "Site | None":
