@@ -61,4 +61,13 @@ Threads = Annotated[
     Parameter(name="--threads", validator=Number(gte=1), help="Threads of each member [default: cores over members at once]."),
 ]
 Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]
+Changes = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set", consume_multiple=True, negative="", help="KEY=VALUE in place of what site.yaml states; several may follow."
+    ),
+]
+Budget = Annotated[
+    str | None, Parameter(name="--budget", help="Choose cells and number of members that fit into a time: 90s, 30min, 2h.")
+]
 OnCluster = Annotated[Cluster | None, Parameter(name="*", group="Other machines")]

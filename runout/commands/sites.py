@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from runout.commands.options import Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
+from runout.commands.options import Budget, Changes, Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
 from runout.commands.written import Written
 from runout.errors import ExitCode
 
@@ -42,11 +42,11 @@ def new(
 
 
 @command(writes=False, short=True)
-def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
+def check(site: SiteArgument, *, device: Device = None, changes: Changes = (), budget: Budget = None, session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
     from runout.workflow.preview import check_site
 
-    return check_site(site, session.out, device)
+    return check_site(site, session.out, device, changes, budget)
 
 
 @command(short=True)
@@ -59,13 +59,15 @@ def run(
     retry_failed: RetryFailed = False,
     force: Force = False,
     cluster: OnCluster = None,
+    changes: Changes = (),
+    budget: Budget = None,
     session: Injected,
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from runout.workflow.hazard_map import STAGES
 
     choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed, "force": force}
-    return _stages(site, STAGES, session, **choices, cluster=cluster)
+    return _stages(site, STAGES, session, **choices, cluster=cluster, changes=changes, budget=budget)
 
 
 @command(short=True)
@@ -110,11 +112,11 @@ def report(site: SiteArgument, *, force: Force = False, session: Injected) -> in
 
 
 @command(writes=False, short=True)
-def status(site: SiteArgument, *, session: Injected) -> int:
+def status(site: SiteArgument, *, changes: Changes = (), session: Injected) -> int:
     """List done, failed and remaining members with reasons, and the stages that are up to date."""
     from runout.workflow.status import print_status
 
-    return print_status(site, session.out)
+    return print_status(site, session.out, changes)
 
 
 @command()
@@ -145,6 +147,22 @@ def simulate(
     choices = {"member": member, "snapshots": snapshots, "particles": particles}
     run_member(site, session.out, **choices, device=device, cell_size=cell_size)
     return ExitCode.OK
+
+
+@command()
+def reproduce(
+    product: Annotated[Path, Parameter(help="A hazard.nc, or its results folder.")],
+    *,
+    site: Annotated[Path | None, Parameter(help="Folder with the inputs of the site [default: that above the results].")] = None,
+    workers: Workers = None,
+    threads: Threads = None,
+    device: Device = None,
+    session: Injected,
+) -> int:
+    """Run a hazard.nc again from the settings that it holds, and compare all maps to the bit; --out DIR keeps the new ones."""
+    from runout.workflow.reproduction import reproduce as run_again
+
+    return run_again(product, session.out, site, workers=workers, threads=threads, device=device)
 
 
 @command()

@@ -31,12 +31,15 @@ class Document:
         Line (from 1) of every key and list item, by its location.
     problems : list of Problem
         What is wrong with the file as YAML: syntax, duplicate keys.
+    options : set
+        Locations that the command line set (:mod:`runout.config.set_values`).
     """
 
     name: str
     values: Any = None
     lines: dict[Location, int] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    options: set[Location] = field(default_factory=set)
 
     def line(self, location: Location) -> int:
         """Line of a location; if the file does not contain it, the line of the innermost block that it contains."""
@@ -55,8 +58,10 @@ class Document:
         return found
 
     def problem(self, location: Location, message: str, fix: str = "") -> Problem:
-        """A problem at a location."""
-        return Problem(self.name, self.line(location), shortened(dotted(location)), shortened(message), shortened(fix))
+        """A problem at a location; of one that the command line set it names the option in the place of file and line."""
+        is_set = any(location[:n] in self.options for n in range(1, len(location) + 1))
+        file, line = ("--set", None) if is_set else (self.name, self.line(location))
+        return Problem(file, line, shortened(dotted(location)), shortened(message), shortened(fix))
 
 
 def dotted(location: Location) -> str:
@@ -87,6 +92,13 @@ def read_document(path: Path) -> Document:
         line = path.read_bytes()[: error.start].count(b"\n") + 1
         document.problems.append(Problem(path.name, line, "", "this is not UTF-8 text", "save the file with the encoding UTF-8"))
         return document
+    _Reader(document).read(text)
+    return document
+
+
+def read_text(text: str, name: str) -> Document:
+    """Content of a YAML text; ``name`` stands for the file in messages."""
+    document = Document(name)
     _Reader(document).read(text)
     return document
 

@@ -1,7 +1,7 @@
 """Reads site.yaml and reports all its problems together, each with line, value and remedy."""
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -30,6 +30,7 @@ from runout.config.schema import (
     release_conflicts,
     zone_conflicts,
 )
+from runout.config.set_values import set_values
 from runout.config.site_files import named_inputs
 from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
@@ -44,8 +45,8 @@ FILE_NAME = "site.yaml"
 MOST_NAMES, LONGEST_NAME = 1000, 255  # names of a folder that are compared with a missing one; characters of a name
 
 
-def load(path: Path | str) -> SiteSettings:
-    """Settings of a site.yaml (or of the folder that holds one).
+def load(path: Path | str, changes: Sequence[str] = ()) -> SiteSettings:
+    """Settings of a site.yaml (or of the folder that holds one), with ``changes`` of the command line.
 
     Raises
     ------
@@ -54,7 +55,18 @@ def load(path: Path | str) -> SiteSettings:
         keys that contradict each other, input files that do not exist.
     """
     file = site_file(path)
+    return checked(changed_document(file, changes), file.parent)
+
+
+def changed_document(file: Path, changes: Sequence[str] = ()) -> Document:
+    """Content of a site.yaml with ``changes`` of the command line, each ``KEY=VALUE`` (:mod:`runout.config.set_values`)."""
     document = read_document(file)
+    set_values(document, changes)
+    return document
+
+
+def checked(document: Document, folder: Path) -> SiteSettings:
+    """Settings of a document whose inputs lie in a folder; errors as of :func:`load`."""
     problems = list(document.problems)
     settings = None
     if isinstance(document.values, dict):
@@ -65,18 +77,18 @@ def load(path: Path | str) -> SiteSettings:
             settings = SiteSettings.model_validate(document.values, context=laws)
         except ValidationError as error:
             problems += problems_of(error, document)
-        problems += [*_contradictions(document), *_unusable_files(document, file.parent), *_coordinate_system(document)]
-        problems += scheme.site_problems(document, file.parent)
+        problems += [*_contradictions(document), *_unusable_files(document, folder), *_coordinate_system(document)]
+        problems += scheme.site_problems(document, folder)
         if settings and not problems:
             problems += [*_unfit_releases(document, settings), *_unfit_scenarios(document, settings)]
         if settings and not problems:
-            settings, unfit = _with_table(document, settings, file.parent)
+            settings, unfit = _with_table(document, settings, folder)
             problems += [*unfit, *_without_rates(document, settings if not unfit else None)]
         told = {problem.key for problem in document.problems}
         problems = document.problems + [problem for problem in problems if problem.key not in told]
     elif not problems:
         what = "is empty" if document.values is None else "holds no `key: value` lines"
-        problems.append(Problem(file.name, None, "", f"the file {what}", "`runout new` writes a commented one to start from"))
+        problems.append(Problem(document.name, None, "", f"the file {what}", "`runout new` writes a commented one to start from"))
     if problems or settings is None:
         raise ConfigError(sorted(dict.fromkeys(problems), key=lambda p: p.line or 0))
     return settings

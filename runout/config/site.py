@@ -61,6 +61,8 @@ class Site:
         The checked content of site.yaml, defaults filled in; angles in degrees.
     files : SiteFiles
         The input files. Each is read once, and again when one has changed; what was read travels to other processes.
+    changes : tuple of str
+        What the command line sets in place of site.yaml, each ``KEY=VALUE``.
     """
 
     folder: Path
@@ -68,6 +70,7 @@ class Site:
     name: str
     settings: SiteSettings
     files: SiteFiles = field(default=None, compare=False, repr=False)  # type: ignore[assignment]
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         files = self.files or SiteFiles(self.settings, self.file)
@@ -173,6 +176,10 @@ class Site:
         """
         return self.files.paths()
 
+    def stated(self) -> dict[str, Any]:
+        """What site.yaml and the command line state, without defaults, as plain values of a site.yaml that says the same."""
+        return self.settings.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+
     def resolved(self) -> dict[str, Any]:
         """Complete configuration with defaults as plain dicts, lists, numbers and text; angles in degrees.
 
@@ -219,8 +226,14 @@ class Site:
         return content
 
 
-def read_site(path: Path | str) -> Site:
+def read_site(path: Path | str, changes: Sequence[str] = ()) -> Site:
     """The site of a folder or a site.yaml; only site.yaml is read.
+
+    Parameters
+    ----------
+    path : Path or str
+    changes : sequence of str
+        Settings that take the place of those of site.yaml, each ``KEY=VALUE`` (:func:`runout.config.set_values.set_values`).
 
     Raises
     ------
@@ -228,5 +241,5 @@ def read_site(path: Path | str) -> Site:
         With all problems of the file.
     """
     file = site_file(path)
-    settings = load(file)
-    return Site(file.parent, file, settings.name, settings)
+    settings = load(file, changes)
+    return Site(file.parent, file, settings.name, settings, changes=tuple(changes))

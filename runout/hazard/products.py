@@ -23,7 +23,7 @@ from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import write_structures
-from runout.io import netcdf
+from runout.io import netcdf, source_code
 from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
 from runout.io.member_maps import MemberMaps
@@ -237,6 +237,7 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
         configuration=site.resolved(),
         seed=settings.ensemble.seed,
         device=settings.simulation.device,
+        changes=site.changes,
     )
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
     zones = site.files.zones()
@@ -282,6 +283,8 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
         "inputs": json.dumps(origin["inputs"]),
         "versions": json.dumps(origin["versions"]),
         "device": origin["device"],
+        "site_settings": json.dumps(site.stated()),
+        "source_code_sha256": source_code.checksums().products,
         "ground_filter_half_width": np.array(half_width(_spacing(origin))),
         "command": origin["command"],
     } | (changes | study_attributes(stated_metadata(site)))

@@ -26,6 +26,7 @@ def provenance(
     seed: int | None,
     device: str,
     command: Iterable[str] | None = None,
+    changes: Iterable[str] = (),
     sha256: Callable[[Path], str] | None = None,
 ) -> dict[str, Any]:
     """Provenance of a result as ``run.json`` stores it, ready for JSON.
@@ -46,6 +47,8 @@ def provenance(
         Device of the simulations, such as "cpu".
     command : iterable of str, optional
         The command; by default that of this process.
+    changes : iterable of str
+        Settings that the command line set, each ``KEY=VALUE``.
     sha256 : callable, optional
         Checksum of an input; by default it is computed.
 
@@ -66,7 +69,7 @@ def provenance(
         "inputs": [input_record(Path(path), Path(folder), sha256) for path in inputs],
         "configuration_sha256": configuration_checksum(configuration),
         "configuration": plain(configuration),
-    }
+    } | ({"set_by_command": list(changes)} if changes else {})
 
 
 def file_record(path: Path, folder: Path, known: Callable[[Path], str] | None = None) -> dict[str, Any]:

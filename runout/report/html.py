@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.report import figures, probe_figures, sheets, tables
+from runout.report import confidence, figures, probe_figures, sheets, tables
 from runout.report.danger import danger_section
 from runout.report.elsewhere import Helpers
 from runout.report.maps import Basemap
@@ -65,7 +65,7 @@ def write_report(
 def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
     """Content of the template, by name."""
     settings = site.resolved()
-    window = sheets.reached_window(study)
+    window, sure = sheets.reached_window(study), confidence.parts(study, settings)
     error = LoadError.of(study.convergence, tables.cells_through(study, settings))
     drawn = helpers.do(partial(_figures, study.for_figures(), window, error))
     headline = sheets.headline_sheets(study)
@@ -77,6 +77,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "name": site.name,
         "description": settings.get("description") or "",
         "heading": tables.heading(study),
+        "sure": sure and {"statement": confidence.statement(sure, study), "rows": [part.row() for part in sure]},
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
         "releases": tables.release_statements(study),

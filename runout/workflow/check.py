@@ -60,8 +60,8 @@ class Findings:
             texts[:] = [without_fetched_folders(within_site(text, folder)) for text in texts]
 
 
-def inspect(checked: "Path | Site", *, forecast: bool = True) -> Findings:
-    """Problems and warnings of the configuration, the DEM and the releases of a site, or of a site folder or site.yaml.
+def inspect(checked: "Path | Site", *, forecast: bool = True, changes: Sequence[str] = ()) -> Findings:
+    """Problems and warnings of the configuration, the DEM and the releases of a site, or of a folder or site.yaml with ``changes``.
 
     With ``forecast``, also the depth of the flow, which takes up to some seconds.
     """
@@ -71,11 +71,11 @@ def inspect(checked: "Path | Site", *, forecast: bool = True) -> Findings:
     findings = Findings()
     readable: Site | None
     try:
-        findings.site = readable = read_site(checked) if isinstance(checked, Path) else checked
+        findings.site = readable = read_site(checked, changes) if isinstance(checked, Path) else checked
     except ConfigError as error:
         findings.note(error)
         assert isinstance(checked, Path)  # the settings of a site have been checked
-        readable = _readable_part(checked, [problem.key for problem in error.problems])
+        readable = _readable_part(checked, [problem.key for problem in error.problems], changes)
     if readable is not None:
         _inspect_inputs(findings, readable)
         if forecast and findings.site is not None and findings.masses and not findings.problems:
@@ -115,18 +115,17 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
             findings.note(error)
 
 
-def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
+def _readable_part(site_path: Path, wrong: list[str], changes: Sequence[str]) -> "Site | None":
     """Site with the terrain and the releases whose settings are valid, so that their files can be inspected as well."""
-    from runout.config.document import read_document
     from runout.config.friction import BLOCK
-    from runout.config.read import site_file
+    from runout.config.read import changed_document, site_file
     from runout.config.schema import ReleaseSettings, SiteSettings, TerrainSettings
     from runout.config.site import Site
 
     if not wrong or any(key == "" or key.startswith("terrain") for key in wrong):
         return None
     file = site_file(site_path)
-    sections = read_document(file).values
+    sections = changed_document(file, changes).values
     if not isinstance(sections, dict):
         return None
     releases = enumerate(sections["release"] if "release" not in wrong else [])
@@ -468,8 +467,8 @@ def _inspect_relief(findings: Findings, site: "Site", terrain: "Terrain", reach:
         findings.warnings += [relief.warning()] if relief.wave else []
 
 
-def require_sound(site: "Path | Site") -> None:
-    """Raise ConfigError with all problems of a site, if there are any."""
-    problems = inspect(site, forecast=False).problems
+def require_sound(site: "Path | Site", changes: Sequence[str] = ()) -> None:
+    """Raise ConfigError with all problems of a site, or of a folder or site.yaml with ``changes``, if there are any."""
+    problems = inspect(site, forecast=False, changes=changes).problems
     if problems:
         raise ConfigError("\n".join(problems))

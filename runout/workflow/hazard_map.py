@@ -72,6 +72,8 @@ def run(
     device: str | None = None,
     members: str | None = None,
     cluster: "Cluster | None" = None,
+    changes: Sequence[str] = (),
+    budget: str | None = None,
 ) -> Outcome:
     """Run the stages of a site that are not up to date, in their order.
 
@@ -95,22 +97,48 @@ def run(
         Range of members such as ``0:100``: the stage ``ensemble`` runs only these (see :mod:`runout.ensemble.member`).
     cluster : Cluster or None
         Dask cluster that computes the members. The budget of the site is for this machine and does not count then.
+    changes : sequence of str
+        Settings in the place of those of site.yaml, each ``KEY=VALUE``; they need ``out``, so that other results stay.
+    budget : str or None
+        Time such as "30min" for which cells and number of members are chosen (:mod:`runout.workflow.time_budget`).
 
     Raises
     ------
     InputError, DeviceError, BudgetError, PartialEnsembleError
         If an input cannot be used, the device does not exist, the remaining members exceed the budget, or no member is done.
     """
+    if changes and out is None:
+        raise ConfigError("--set is given without --out; name a folder for these results, so that those of site.yaml stay")
     try:
         if cluster:  # other machines have other working folders
             site_path, out = Path(site_path).absolute(), Path(out).absolute() if out else None
-        study = replace(Study.open(site_path, out, workers, retry_failed, device, threads), cluster=cluster or None)
+        opened = partial(Study.open, site_path, out, workers, retry_failed, device, threads)
+        study = replace(opened(changes), cluster=cluster or None)
     except ConfigError:
         if "ensemble" in stages:
-            _inspected(Path(site_path))  # its message lists the problems of the inputs as well
+            _inspected(Path(site_path), changes)  # its message lists the problems of the inputs as well
         raise
+    if budget is not None:
+        study = opened([*changes, *_fitting(study, budget, changes)])
     if members is not None:
         return _run_part(study, members)
+    return run_study(study, stages, force)
+
+
+def _fitting(study: Study, budget: str, changes: Sequence[str]) -> tuple[str, ...]:
+    """Settings of cells and members that fit into a time."""
+    from runout.workflow.time_budget import TimeBudget
+
+    if study.cluster:
+        raise ConfigError("--budget is a time on this machine, and a cluster is given too; remove one of the two")
+    limit = TimeBudget.of(study.site, budget, study.results, changes, workers=study.workers)
+    _inspected(study.site)
+    with log.to_file(study.results / "run.log"):
+        return limit.chosen()
+
+
+def run_study(study: Study, stages: Sequence[str] = STAGES, force: bool = False) -> Outcome:
+    """Run the stages of a study that are not up to date; arguments and errors as of :func:`run`."""
     with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
@@ -195,11 +223,11 @@ def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
     _inspected(study.site)
 
 
-def _inspected(site: "Site | Path") -> None:
+def _inspected(site: "Site | Path", changes: Sequence[str] = ()) -> None:
     from runout.workflow.check import require_sound
 
     with log.muted():
-        require_sound(site)
+        require_sound(site, changes)
 
 
 def _make(study: Study, stage: Stage) -> None:

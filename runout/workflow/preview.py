@@ -1,5 +1,6 @@
 """Previews a run of a site: its problems, or its stages and cost. Changes nothing."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -16,8 +17,16 @@ if TYPE_CHECKING:
     from runout.workflow.study import Study
 
 
-def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
-    """Print problems and warnings of a site, the stages of a run with reasons, and its forecast.
+def check_site(
+    site_path: Path,
+    out: Path | None = None,
+    device: str | None = None,
+    changes: Sequence[str] = (),
+    budget: str | None = None,
+) -> int:
+    """Print problems and warnings of a site, with ``changes`` of its settings, the stages of a run with reasons, and its forecast.
+
+    With a ``budget`` such as "30min" cells and members are those that fit (:mod:`runout.workflow.time_budget`).
 
     Returns
     -------
@@ -31,8 +40,12 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
 
     console = log.output()
     with log.muted():
-        found = inspect(_counted(console, site_path) or site_path)
+        found = inspect(_counted(console, site_path, changes) or site_path, changes=changes)
     results = out or (site_path if site_path.is_dir() else site_path.parent) / "results"
+    if budget is not None and found.site is not None and not found.problems:
+        with log.muted():
+            changes = [*changes, *_fitting(console, found.site, budget, results, changes, device)]
+            found = inspect(site_path, changes=changes)
     found.problems += filter(None, [fault_in_results(results)])
     for problem in found.problems:
         console.print(Text.assemble(("problem ", "bold red"), problem))
@@ -48,13 +61,30 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     return _print_plan(console, found, found.site, out, device)
 
 
-def _counted(console: "Console", site_path: Path) -> "Site | None":
+def _fitting(
+    console: "Console", site: "Site", budget: str, results: Path, changes: Sequence[str], device: str | None
+) -> tuple[str, ...]:  # fmt: skip
+    """Settings that fit into a time, after printing the choices."""
+    from runout.forecast.step_cost import quick_step_cost
+    from runout.workflow.compilation import kernels_noted
+    from runout.workflow.time_budget import TimeBudget, best
+
+    site = site if device is None else site.on_device(device)
+    cost_of = partial(quick_step_cost, compiled=partial(kernels_noted, site))
+    limit = TimeBudget.of(site, budget, results, changes, cost_of=cost_of)
+    choices = limit.choices()
+    for line in limit.lines(choices):
+        console.print(line, markup=False)
+    return limit.settings(best(choices))
+
+
+def _counted(console: "Console", site_path: Path, changes: Sequence[str]) -> "Site | None":
     """Print the number of particles before all that takes time; the site, or None if its settings are wrong."""
     from runout.config.site import read_site
     from runout.workflow.plan import particle_count, particle_line
 
     try:
-        site = read_site(site_path)
+        site = read_site(site_path, changes)
     except ConfigError:
         return None
     with suppress(RunoutError):  # the inspection names all problems

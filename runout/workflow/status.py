@@ -1,6 +1,7 @@
 """Prints the state of a site: its members with reasons of failure, files that are not used, and its stages."""
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -18,12 +19,12 @@ MEGABYTE = 1e6  # bytes
 MOST_ROWS = 60  # largest number of members that are listed
 
 
-def print_status(site_path: Path, out: Path | None = None) -> int:
-    """Print members and stages of a site; exit code 3 when members failed, else 0."""
+def print_status(site_path: Path, out: Path | None = None, changes: Sequence[str] = ()) -> int:
+    """Print members and stages of a site, with ``changes`` of its settings; exit code 3 when members failed, else 0."""
     from runout import log
     from runout.workflow.study import Study
 
-    study, console = Study.open(site_path, out), log.output()
+    study, console = Study.open(site_path, out, changes=changes), log.output()
     counts = Counter(standing.state for standing in study.standings)
     console.print(f"[bold]{study.site.name}[/]: " + ", ".join(f"{counts[state]} members {state}" for state in MARKS))
     if study.growth:

@@ -1,5 +1,6 @@
 """One site with its results folder: state of members and stages."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -67,14 +68,16 @@ class Study:
         retry_failed: bool = False,
         device: str | None = None,
         threads: int | None = None,
+        changes: Sequence[str] = (),
     ) -> "Study":
         """Study of a site folder or site.yaml; results go to ``out``, by default to ``results`` in the site folder.
 
-        ``device`` overrides that of site.yaml (see :meth:`runout.config.site.Site.on_device`).
+        ``device`` overrides that of site.yaml (see :meth:`runout.config.site.Site.on_device`), and ``changes`` its settings
+        (:func:`runout.config.site.read_site`).
         """
         from runout.config.site import read_site
 
-        site = read_site(Path(site_path))
+        site = read_site(Path(site_path), changes)
         study = cls.of(site if device is None else site.on_device(device), out)
         return replace(study, workers=workers, retry_failed=retry_failed, threads=threads or site.settings.simulation.threads)
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -86,6 +87,7 @@ class FakeSite:
     folder: Path
     crs: str | None = "EPSG:32616"
     name: str = "valley"
+    changes: tuple[str, ...] = ()
     settings: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(
             title="A made-up valley",
@@ -105,6 +107,10 @@ class FakeSite:
             inflow=None,
         )
     )
+
+    def stated(self) -> dict[str, Any]:
+        """What its site.yaml would say."""
+        return {"name": self.name}
 
     def terrain(self) -> Terrain:
         """The terrain of the members."""
