@@ -26,8 +26,8 @@ class Frequencies:
 
     Attributes
     ----------
-    rate : ndarray (members,)
-        Rate of each valid member, in their order [1/a].
+    rate : ndarray
+        Rates (members,) of the valid members, in their order [1/a].
     scenario : tuple of str
         Name of the scenario of each.
     scenario_rates : mapping of str to float
@@ -93,12 +93,12 @@ def annual_exceedance(values: np.ndarray, threshold: float, rate: np.ndarray) ->
 
     Parameters
     ----------
-    values : ndarray (members, y, x)
-        Values of each member; a cell in which one is NaN has no rate.
+    values : ndarray
+        Values (members, y, x); a cell in which one is NaN has no rate.
     threshold : float
         Above 0, in the unit of the values; it is compared in their precision.
-    rate : ndarray (members,)
-        Rate of each member [1/a].
+    rate : ndarray
+        Rates (members,) [1/a].
     """
     limit, total = np.asarray(threshold, values.dtype), np.zeros(values.shape[1:])
     for one, of_member in zip(values, rate, strict=True):
@@ -113,10 +113,10 @@ def at_return_period(values: np.ndarray, rate: np.ndarray, years: float) -> np.n
 
     Parameters
     ----------
-    values : ndarray (members, y, x)
-        Values of each member; 0 where it does not arrive.
-    rate : ndarray (members,)
-        Rate of each member [1/a].
+    values : ndarray
+        Values (members, y, x); 0 where it does not arrive.
+    rate : ndarray
+        Rates (members,) [1/a].
     years : float
         Return period [a].
     """
