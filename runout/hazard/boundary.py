@@ -1,7 +1,7 @@
 """Position of the boundary of the flow over the members: mean and spread of the signed distance to it, in metres.
 
-The signed distance of a cell to the boundary of a member is positive inside. Where its mean over the members is 0, the boundary lies
-on average; its standard deviation there is how far the boundary moves from member to member. A probability alone says how often a
+The signed distance of a cell to the boundary of a member is positive inside. Its mean over the members is 0 at the mean position of
+the boundary; its standard deviation there is how far the boundary moves from member to member. A probability alone says how often a
 cell is reached, not by how many metres the edge of the map may be off (compare Hyman et al. 2019).
 """
 

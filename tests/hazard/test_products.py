@@ -25,7 +25,7 @@ from synthetic_ensemble import (
 )
 
 from runout.errors import ExitCode, PartialEnsembleError, StorageError
-from runout.hazard.maps import HEADLINE_MAPS, TERRAIN_MAPS, map_layers
+from runout.hazard.maps import BOUNDARY_MAPS, HEADLINE_MAPS, TERRAIN_MAPS, map_layers
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.products import ground_slope, write_products
 from runout.io import netcdf
@@ -91,7 +91,8 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
     made: Products = request.getfixturevalue(system)
     hazard = netcdf.read(made.results / "hazard.nc")
     layers = list(map_layers(hazard))
-    assert len(layers) == len(HEADLINE_MAPS) + len(TERRAIN_MAPS) + 2 * (3 + 2 + 2 + 1 + 2 + 2) + 3 * (len(QUANTITIES) + 1)
+    plain = len((*HEADLINE_MAPS, *TERRAIN_MAPS, *BOUNDARY_MAPS))
+    assert len(layers) == plain + 2 * (3 + 2 + 2 + 1 + 2 + 2) + 3 * (len(QUANTITIES) + 1)
     for stem, name, selection in layers:
         with rasterio.open(made.results / "maps" / f"{stem}.tif") as raster:
             require_in_place(raster, made.site.terrain())
@@ -106,7 +107,7 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
         style = ElementTree.parse(made.results / "maps" / f"{stem}.qml").getroot()
         values = [float(item.get("value", "")) for item in style.iter("item")]
         assert values == sorted(values)
-        assert values[-1] == np.inf or name in ("elevation", "ground_slope")
+        assert values[-1] == np.inf or name in ("elevation", "ground_slope", "boundary_distance_mean")
 
 
 def test_pressure_is_in_kilopascal_in_the_rasters_their_names_and_their_styles(products: Products) -> None:
