@@ -18,7 +18,7 @@ from runout.workflow import plan
 from runout.workflow.plan import forecast
 from runout.workflow.time_budget import SMALL, TimeBudget, best, seconds_of
 
-COST = StepCost(1e-3, 1e-7)
+COST = StepCost(1e-2, 2e-6)
 
 
 def budget_of(site, text, folder):
@@ -27,7 +27,7 @@ def budget_of(site, text, folder):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    return read_site(write_site(tmp_path_factory.mktemp("budget") / "ramp", SITE.replace("end_time: 20", "end_time: 6")))
+    return read_site(write_site(tmp_path_factory.mktemp("budget") / "ramp", SITE.replace("end_time: 20", "end_time: 3")))
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("90s", 90), ("30min", 1800), ("2h", 7200), ("1.5 h", 5400)])
@@ -60,11 +60,11 @@ def test_error_of_a_median_of_independent_members_is_that_of_normal_values():
 
 
 def test_every_choice_fits_and_the_one_of_the_least_error_is_taken(site, tmp_path):
-    budget = budget_of(site, "20s", tmp_path)
+    budget = budget_of(site, "60s", tmp_path)
     choices, spread = budget.choices(), budget.spread()
     assert len(choices) >= 3
     for one in choices:
-        assert one.seconds <= 20
+        assert one.seconds <= 60
         assert one.members & (one.members - 1) == 0
         assert one.numerical == pytest.approx(RUNOUT_ERROR * one.cell_size[2] / 8.0)  # a slab of 8 m
         assert one.sampling == pytest.approx(median_error(spread, one.members))
@@ -73,10 +73,10 @@ def test_every_choice_fits_and_the_one_of_the_least_error_is_taken(site, tmp_pat
         again = forecast(budget.changed(one.cell_size, one.members), range(one.members), workers=1, cost_of=lambda _: COST)
         assert again.seconds == pytest.approx(one.seconds)
         larger = forecast(budget.changed(one.cell_size, 2 * one.members), range(2 * one.members), workers=1, cost_of=lambda _: COST)
-        assert larger.seconds > 20 or one.sampling <= SMALL * one.numerical
+        assert larger.seconds > 60 or one.sampling <= SMALL * one.numerical
     taken = best(choices)
     assert taken.error == min(one.error for one in choices)
-    assert best(budget_of(site, "12s", tmp_path).choices()).error > taken.error
+    assert best(budget_of(site, "20s", tmp_path).choices()).error > taken.error
     (line,) = [line for line in budget.lines(choices) if line.endswith("<- taken")]
     assert line.split()[0] == taken.cells
 
@@ -111,7 +111,7 @@ def test_a_time_that_is_too_short_is_refused_with_one_that_fits(site, tmp_path):
 
 
 def test_check_prints_the_choices_and_run_runs_the_one_that_is_taken(tmp_path, capsys, monkeypatch):
-    folder, out = write_site(tmp_path / "ramp", SITE.replace("end_time: 20", "end_time: 2")), tmp_path / "out"
+    folder, out = write_site(tmp_path / "ramp", SITE.replace("end_time: 20", "end_time: 1")), tmp_path / "out"
     monkeypatch.setattr(plan, "step_cost", lambda _: StepCost(0.13, 0.0))
     call = ["-q", "run", str(folder), "--workers", "1", "--budget", "35s", "--out", str(out)]
     assert cli.main(call) == ExitCode.OK
@@ -126,6 +126,5 @@ def test_check_prints_the_choices_and_run_runs_the_one_that_is_taken(tmp_path, c
     capsys.readouterr()
     assert cli.main(["check", str(folder), "--budget", "35s", "--out", str(out)]) == ExitCode.OK
     assert "<- taken" in capsys.readouterr().out
-    assert cli.main(["check", str(folder), "--budget", "0.1s"]) == ExitCode.OVER_BUDGET
     assert cli.main(["check", str(folder), "--budget", "35s", "--set", "ensemble.members=32"]) == ExitCode.CONFIGURATION
     assert "--budget chooses ensemble.members; remove --set ensemble.members=32" in capsys.readouterr().err.replace("\n", " ")
