@@ -1,8 +1,8 @@
-"""Gaussian process of one scalar of the members over the unit cube of their parameters, and how well it predicts what it has not seen.
+"""Gaussian process of one scalar of the members over the unit cube of their parameters, and its error on unseen members.
 
 Kernel: a linear trend, Matern 5/2 with one length for each parameter, and a nugget for what no parameter explains (seeds of the
-particles, jumps of the front from cell to cell). Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, eq. 2.23 to 2.24,
-4.14 and 5.8.
+particles, jumps of the front from cell to cell). Rasmussen & Williams 2006, Gaussian Processes for Machine Learning,
+eq. 2.23 to 2.24, 4.14 and 5.8.
 """
 
 import warnings
@@ -99,7 +99,7 @@ class Emulator:
         return self.centre + self.scale * self.process.predict(points - 0.5)  # type: ignore[no-any-return]
 
     def draws(self, points: np.ndarray, count: int, seed: int) -> np.ndarray:
-        """Functions (count, n) that agree with the members, drawn from the process without its nugget, at points (n, parameters)."""
+        """Values (count, n) at points (n, parameters) of functions drawn from the process, without its nugget."""
         mean, covariance = self.process.predict(points - 0.5, return_cov=True)
         covariance[np.diag_indices_from(covariance)] += 1e-8 - self.process.kernel_.k2.noise_level
         lower = np.linalg.cholesky(_positive(covariance))

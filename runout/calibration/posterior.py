@@ -1,7 +1,7 @@
 """Posterior of the sampled parameters from observed scalars, sampled by MCMC, and what of the parameters it identifies.
 
-Kennedy & O'Hagan 2001, J. R. Stat. Soc. B 63:425, with emulators of scalars; the error of a grid is an offset of one parameter and a
-covariance of what the offset leaves (:class:`GridError`).
+Kennedy & O'Hagan 2001, J. R. Stat. Soc. B 63:425, with emulators of scalars; the error of a grid is an offset of one parameter
+and a covariance of what the offset leaves (:class:`GridError`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -70,12 +70,12 @@ class Likelihood:
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation (scalars, scalars) of the held-out residuals of the emulators, shrunk by half of a member to the unit matrix."""
+        """Correlation (scalars, scalars) of the held-out residuals of the emulators, less 2 % so that it has a factor."""
         residuals = np.stack([one.residuals for one in self.emulators])
         return np.atleast_2d(np.corrcoef(residuals)) * 0.98 + 0.02 * np.eye(len(residuals))  # type: ignore[no-any-return]
 
     def predicted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (n, scalars) and covariance (n, scalars, scalars) of the scalars at points (n, parameters), without their observation."""
+        """Mean (n, scalars) and covariance (n, scalars, scalars) of modelled scalars at points (n, parameters)."""
         moved = self.prior.snapped(points) + (0.0 if self.grid_error is None else self.grid_error.offset)
         mean, deviation = (np.stack(part, axis=1) for part in zip(*(one.predict(moved) for one in self.emulators), strict=True))
         covariance = deviation[:, :, None] * self.correlation * deviation[:, None, :]
@@ -195,8 +195,8 @@ class Posterior:
         for side, bound, outer in sides:
             if outer.mean() > LEANS and self.prior.distributions[name].distribution != "discrete":
                 yield (
-                    f"the posterior of {name} leans on the range: {outer.mean():.0%} of it lies in the outer {EDGE:.0%} of the prior at "
-                    f"its {side} end ({bound:g}); widen the range in ensemble.parameters if such values are possible"
+                    f"the posterior of {name} leans on the range: {outer.mean():.0%} of it lies in the outer {EDGE:.0%} of the prior "
+                    f"at its {side} end ({bound:g}); widen the range in ensemble.parameters if such values are possible"
                 )
 
 
@@ -259,7 +259,7 @@ def left_out(likelihood: Likelihood, groups: Sequence[str], seed: int = 0) -> di
 def grid_error(likelihood: Likelihood, points: np.ndarray, coarse: np.ndarray, fine: np.ndarray) -> GridError:
     """Error of the grid from pairs of runs at the same points.
 
-    The offset is that of the one parameter whose shift explains the differences best, least squares in units of the standard errors.
+    The offset is that of the one parameter whose shift explains the differences best: least squares in standard errors.
 
     Parameters
     ----------

@@ -106,11 +106,8 @@ def scored(
     setting = _setting(observed, site, terrain, releases, results)
     means, members, reaches = _Means(), {}, {}
     for (member, path), weight in zip(ensemble.files.items(), ensemble.weights, strict=True):
-        flow, change, waited = _flow(path, observed)
-        if change is None:
-            factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
-            started = [release for release in releases if release.name not in waited]
-            change = elevation_change(flow.maps["deposit"], removed(started, factor))
+        factor = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
+        flow, change = member_flow(path, observed, releases, factor)
         means.add(flow, change, float(weight), observed, setting.thresholds)
         assessment = against_observations(flow, observed, setting, change)
         members[str(member)] = [score.stored() for score in assessment.scores]
@@ -130,8 +127,24 @@ def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: S
     return Setting(thresholds, bars, observed.thalweg, start, terrain.elevation)
 
 
-def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None, list[str]]:
-    """Maps of a member, its change of elevation (rows, columns) [m] if its bed was eroded, and releases that never started."""
+def member_flow(path: Path, observed: Observations, releases: Sequence[Release], factor: float) -> tuple[Flow, np.ndarray]:
+    """Maps of a member on the cells of observations, and its change of elevation (rows, columns) [m].
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+    observed : Observations
+    releases : sequence of Release
+        With a volume factor of 1.
+    factor : float
+        Volume factor of the member.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be read, or is of another grid.
+    """
     with MemberMaps(path) as file:
         if file.shape != observed.grid.shape:
             remedy = "remove the members and run the ensemble again"
@@ -141,7 +154,9 @@ def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None, 
         change = file.layer(CHANGE, known).astype(np.float64) if CHANGE in file.held() else None
         waited = never_started(file.attributes)
     maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
-    return Flow(observed.grid, maps), change, waited
+    if change is None:
+        change = elevation_change(maps["deposit"], removed([one for one in releases if one.name not in waited], factor))
+    return Flow(observed.grid, maps), change
 
 
 def removed(releases: Sequence[Release], factor: float = 1.0) -> np.ndarray:
