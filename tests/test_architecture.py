@@ -38,17 +38,12 @@ IMPORT_NAMES = {
     "imageio-ffmpeg": "imageio_ffmpeg",
 }  # where it differs from the name of the distribution
 NOT_IMPORTED = {"cryptography", "requireit", "lavavu-osmesa"}  # dask and landlab import two; VTK loads a library of the third
-COME_WITH = {
+COME_WITH = {  # always, in a version that fits
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
     "mpl_toolkits": "matplotlib",
     "threadpoolctl": "sklearn",
-}  # always, in a version that fits
-    "llvmlite": "numba",
-    "pydantic_core": "pydantic",
-    "mpl_toolkits": "matplotlib",
-    "threadpoolctl": "sklearn",
-}  # always, in a version that fits
+}
 HEAVY = (
     "numba",
     "warp",

@@ -111,9 +111,9 @@ class Measure:
             found |= self._deposit(self.observed.deposit)
         if self.observed.change is not None:
             found |= self._change(self.observed.change)
-        gauges = self.observed.gauges
-        for name, values in gauges.values.items() if gauges is not None else ():
-            found |= dict(_at_gauges(name, values, values))
+        if self.observed.gauges is not None:
+            for name, values in self.observed.gauges.values.items():
+                found |= dict(_at_gauges(name, values, values))
         return found
 
     def of_member(self, flow: Flow, change: np.ndarray) -> Scalars:
@@ -126,9 +126,9 @@ class Measure:
             found |= self._deposit(np.where(np.isnan(self.observed.deposit), np.nan, flow.maps["deposit"]))
         if self.observed.change is not None:
             found |= self._change(np.where(np.isnan(self.observed.change), np.nan, change))
-        gauges = self.observed.gauges
-        for name, values in values_at_gauges(flow, gauges).items() if gauges is not None else ():
-            found |= dict(_at_gauges(name, values, gauges.values[name]))
+        if self.observed.gauges is not None:
+            for name, values in values_at_gauges(flow, self.observed.gauges).items():
+                found |= dict(_at_gauges(name, values, self.observed.gauges.values[name]))
         return found
 
     def _area(self, shares: np.ndarray) -> Scalars:

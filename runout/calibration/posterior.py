@@ -195,8 +195,8 @@ class Posterior:
         for side, bound, outer in sides:
             if outer.mean() > LEANS and self.prior.distributions[name].distribution != "discrete":
                 yield (
-                    f"the posterior of {name} leans on the range: {outer.mean():.0%} of it lies in the outer {EDGE:.0%} of the prior "
-                    f"at its {side} end ({bound:g}); widen the range in ensemble.parameters if such values are possible"
+                    f"the posterior of {name} leans on the range: {outer.mean():.0%} of it lies in the outer {EDGE:.0%} of the "
+                    f"prior at its {side} end ({bound:g}); widen the range in ensemble.parameters if such values are possible"
                 )
 
 

@@ -19,7 +19,7 @@ RANKS = 1024  # probabilities at which the spread of a distribution is summed
 class Prior:
     """Sampled parameters with their distributions, which are independent of each other.
 
-    In the cube the prior density is 1, whatever the distributions are. The coordinate of a discrete value is the middle of its step.
+    In the cube the prior density is 1, whatever the distributions are. A discrete value has the middle of its step.
 
     Attributes
     ----------

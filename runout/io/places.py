@@ -16,19 +16,6 @@ RESULT_FOLDERS = (
     *("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes"),
     *("sensitivity", "calibration", ".locks"),
 )
-    "members",
-    "maps",
-    "probes",
-    "profiles",
-    "simulations",
-    "animations",
-    "scarp",
-    "screen",
-    "slopes",
-    "sensitivity",
-    "calibration",
-    ".locks",
-)
 RESULT_RECORD = "stages.json"  # a folder that holds it is one of results
 
 

@@ -420,8 +420,8 @@ def _grid_line(error: dict[str, Any] | None) -> str:
         return "error of the grid: not in these numbers, which hold for these cells; --fine-pairs 16 finds and removes it"
     offset = ", ".join(f"{name} {value:+.3g}" for name, value in error["offset"].items()) or "none"
     return (
-        f"error of the grid from {error['pairs']} pairs: {offset} makes these cells act like cells of half the size; the parameters "
-        "above hold for the finer cells"
+        f"error of the grid from {error['pairs']} pairs: {offset} makes these cells act like cells of half the size; the "
+        "parameters above hold for the finer cells"
     )
 
 

@@ -76,9 +76,8 @@ def finished_members(study: Study) -> "list[Member]":
     done = [standing.member for standing in study.standings if standing.state == "done"]
     if not done:
         site = quote(str(study.site.folder))
-        raise PartialEnsembleError(
-            f"{study.results / 'members'}: no member has run with these settings; run `runout ensemble {site}` first"
-        )
+        folder, remedy = study.results / "members", f"run `runout ensemble {site}` first"
+        raise PartialEnsembleError(f"{folder}: no member has run with these settings; {remedy}")
     return done
 
 
@@ -116,8 +115,8 @@ def _warnings(escaped: np.ndarray) -> Iterator[str]:
     cut = int((escaped > CENSORED).sum())
     if cut:
         yield (
-            f"{cut} of {len(escaped)} members lost more than {CENSORED:g} % of their mass over the edge of the raster: area and run-out "
-            "end there, and their indices count this; use a larger raster or extent"
+            f"{cut} of {len(escaped)} members lost more than {CENSORED:g} % of their mass over the edge of the raster: area and "
+            "run-out end there, and their indices count this; use a larger raster or extent"
         )
 
 
@@ -126,7 +125,8 @@ def _lines(
 ) -> Iterator[str]:
     """A block for each quantity: a line for each parameter, the largest total index first."""
     for name, one in indices.items():
-        yield f"{title(name)}: {members} members, held-out Q2 {quality[name]:.3f}, {one.unexplained:.1%} of the variance by no parameter"
+        unexplained = f"{one.unexplained:.1%} of the variance by no parameter"
+        yield f"{title(name)}: {members} members, held-out Q2 {quality[name]:.3f}, {unexplained}"
         yield f"  {'parameter':36}{'alone':>8}{'5-95 %':>14}{'total':>8}{'5-95 %':>14}"
         for k in np.argsort(-one.total):
             first, total = (f"{low:.2f}-{high:.2f}" for low, high in (one.first_interval[:, k], one.total_interval[:, k]))
