@@ -20,7 +20,7 @@ WALKERS, STEPS, MOST_STEPS = 256, 400, 2400  # an emulator predicts 256 points i
 LENGTHS = 20.0  # autocorrelation times that a chain must have
 KEPT = 4096  # points of a chain, at most
 PERCENTILES = (5.0, 50.0, 95.0)
-LARGEST_OFFSET = 0.25  # of the side of the cube
+USUAL_OFFSET, LARGEST_OFFSET = 0.1, 0.25  # of the side of the cube
 IDENTIFIED = 0.7  # standard deviation over that of the prior, below which a parameter is identified: half of its variance is gone
 TRADES = 0.7  # absolute correlation from which two parameters replace each other
 EDGE, LEANS = 0.05, 0.2  # outer share of the prior, and its posterior probability from which the posterior leans on the bound
@@ -259,7 +259,8 @@ def left_out(likelihood: Likelihood, groups: Sequence[str], seed: int = 0) -> di
 def grid_error(likelihood: Likelihood, points: np.ndarray, coarse: np.ndarray, fine: np.ndarray) -> GridError:
     """Error of the grid from pairs of runs at the same points.
 
-    The offset is that of the one parameter whose shift explains the differences best: least squares in standard errors.
+    The offset is that which explains the differences best, by least squares in standard errors with the size of the offset as a
+    further term: a parameter that changes nothing keeps its place.
 
     Parameters
     ----------
@@ -270,25 +271,21 @@ def grid_error(likelihood: Likelihood, points: np.ndarray, coarse: np.ndarray, f
     coarse, fine : ndarray (pairs, scalars)
         Scalars of the runs.
     """
-    from scipy.optimize import minimize_scalar
+    from scipy.optimize import least_squares
 
     noise = np.array([one.noise for one in likelihood.emulators])
     scale, here = np.hypot(likelihood.errors, noise), _means(likelihood, points)
 
-    def remainder(axis: int, step: float) -> np.ndarray:
-        moved = points.copy()
-        moved[:, axis] += step
-        return (fine - coarse) - (_means(likelihood, moved) - here)  # type: ignore[no-any-return]
+    def remainder(offset: np.ndarray) -> np.ndarray:
+        return (fine - coarse) - (_means(likelihood, points + offset) - here)  # type: ignore[no-any-return]
 
-    def misfit(step: float, axis: int) -> float:
-        return float(np.square(remainder(axis, step) / scale).sum())
+    def misfits(offset: np.ndarray) -> np.ndarray:
+        return np.concatenate([(remainder(offset) / scale).ravel(), offset / USUAL_OFFSET])
 
-    bounds = (-LARGEST_OFFSET, LARGEST_OFFSET)
-    fits = [minimize_scalar(misfit, bounds=bounds, args=(axis,), method="bounded") for axis in range(points.shape[1])]
-    best = int(np.argmin([fit.fun for fit in fits]))
-    offset = np.zeros(points.shape[1])
-    offset[best] = fits[best].x
-    rest = remainder(best, offset[best])
+    start, bounds = np.zeros(points.shape[1]), (-LARGEST_OFFSET, LARGEST_OFFSET)
+    with one_thread():
+        offset = least_squares(misfits, start, bounds=bounds, diff_step=1e-3).x
+        rest = remainder(offset)
     return GridError(offset, rest.T @ rest / max(len(points) - 1, 1), len(points))
 
 

@@ -87,6 +87,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "error": tables.numerical_error(study, settings),
         "bed": settings.get("bed"),
         "members": tables.members(study),
+        "sensitivity": tables.sensitivity(study.sensitivity),
         "balance": tables.balance(study),
         "settings": tables.settings(settings),
         "provenance": tables.provenance(study.run),

@@ -21,7 +21,7 @@ from runout.config.stated_at import stated_place
 from runout.ensemble.design import Design, member_seed
 from runout.ensemble.member import Member, plan_members
 from runout.ensemble.run import run_ensemble
-from runout.errors import ConfigError, ExitCode, InputError
+from runout.errors import ConfigError, InputError
 from runout.hazard.observed import member_flow
 from runout.io import source_code
 from runout.io.atomic import read_json, write_json, write_text
@@ -227,6 +227,8 @@ def run(
 ) -> int:
     """Calibrate a site; prints the posterior and writes ``results/calibration/``. Finished runs are not run again.
 
+    The exit code is 3 if members of the ensemble failed.
+
     Raises
     ------
     ConfigError, InputError, PartialEnsembleError, BudgetError
@@ -237,7 +239,7 @@ def run(
     study = Study.open(site_path, out, workers, retry_failed, device, threads)
     event, folder = Event.of(study.site, choices), study.results / FOLDER
     how = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
-    hazard_map.run(site_path, out, ("ensemble",), **how)  # type: ignore[arg-type]
+    outcome = hazard_map.run(site_path, out, ("ensemble",), **how)  # type: ignore[arg-type]
     study.refresh()
     event.add(finished_members(study), study.results)
     if len(event.members) < FEWEST:
@@ -253,7 +255,7 @@ def run(
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
     for path in _write(folder, posterior, record, choices.rows):
         LOGGER.info("wrote %s", path)
-    return ExitCode.OK
+    return outcome.exit_code
 
 
 def _refined(event: Event, choices: CalibrationChoices, runner: Runner, folder: Path) -> tuple[Likelihood, list[ObservedScalar]]:
@@ -367,7 +369,7 @@ def _grid_error(likelihood: Likelihood, posterior: Posterior) -> dict[str, Any] 
     if error is None:
         return None
     moved = posterior.prior.values(posterior.points + error.offset) - posterior.values
-    offsets = {name: float(moved[:, k].mean()) for k, name in enumerate(posterior.prior.names) if error.offset[k]}
+    offsets = {name: float(moved[:, k].mean()) for k, name in enumerate(posterior.prior.names)}
     remaining = np.sqrt(np.diag(error.covariance)).tolist()
     return {"pairs": error.pairs, "offset": offsets, "remaining_standard_errors": remaining}
 
@@ -418,7 +420,7 @@ def _comparison_lines(heading: str, compared: dict[str, dict[str, Any]]) -> Iter
 def _grid_line(error: dict[str, Any] | None) -> str:
     if error is None:
         return "error of the grid: not in these numbers, which hold for these cells; --fine-pairs 16 finds and removes it"
-    offset = ", ".join(f"{name} {value:+.3g}" for name, value in error["offset"].items()) or "none"
+    offset = ", ".join(f"{name} {value:+.2g}" for name, value in error["offset"].items())
     return (
         f"error of the grid from {error['pairs']} pairs: {offset} makes these cells act like cells of half the size; the "
         "parameters above hold for the finer cells"

@@ -34,7 +34,7 @@ CENSORED = 1.0  # percent of the mass that left the raster, from which a member 
 
 
 def run(site_path: Path, out: Path | None = None) -> int:
-    """Print and write the Sobol indices of a site; exit code 2 if all are refused.
+    """Print and write the Sobol indices of a site.
 
     Raises
     ------
@@ -43,26 +43,40 @@ def run(site_path: Path, out: Path | None = None) -> int:
     """
     study = Study.open(site_path, out)
     prior, members = Prior.of(study.site), finished_members(study)
-    figures = member_scalars(study.site, study.results, members)
-    points = prior.coordinates(np.array([[member.parameters[name] for name in prior.names] for member in members]))
-    indices, refused, quality = {}, {}, {}
-    for name, values in figures.items():
-        if name == "escaped_fraction":
-            continue
-        emulator = Emulator.fit(points, values) if len(members) >= FEWEST and varies(values) else None
-        if reason := why_refused(len(members), values, emulator):
-            refused[name] = reason
-        elif emulator is not None:
-            indices[name], quality[name] = sobol_indices(emulator, prior), emulator.q2
-    if not indices:
-        raise InputError("\n".join(f"{title(name)}: {reason}" for name, reason in refused.items()))
-    for warning in _warnings(figures["escaped_fraction"]):
+    scalars = member_scalars(study.site, study.results, members)
+    for warning in _warnings(scalars.pop("escaped_fraction")):
         LOGGER.warning("%s", warning)
-    for line in _lines(indices, quality, refused, len(members)):
+    points = prior.coordinates(np.array([[member.parameters[name] for name in prior.names] for member in members]))
+    found, refused = analysed(scalars, points, prior)
+    if not found:
+        raise InputError("\n".join(f"{title(name)}: {reason}" for name, reason in refused.items()))
+    record = {
+        "members": [member.file(study.results).name for member in members],
+        "quantities": {name: {"title": title(name), "held_out_q2": q2, **one.stored()} for name, (one, q2) in found.items()},
+        "refused": {title(name): reason for name, reason in refused.items()},
+    }
+    for line in lines(record):
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
-    for path in write(study.results / FOLDER, indices, quality, refused, len(members)):
+    for path in _write(study.results / FOLDER, record, {title(name): one for name, (one, _) in found.items()}):
         LOGGER.info("wrote %s", path)
     return ExitCode.OK
+
+
+def analysed(
+    scalars: Mapping[str, np.ndarray], points: np.ndarray, prior: Prior
+) -> tuple[dict[str, tuple[SobolIndices, float]], dict[str, str]]:
+    """Indices and held-out Q2 of scalars (members,) by name, and the reason for each that is refused.
+
+    ``points`` (members, parameters) lie in the cube of the prior.
+    """
+    found, refused = {}, {}
+    for name, values in scalars.items():
+        emulator = Emulator.fit(points, values) if len(values) >= FEWEST and varies(values) else None
+        if reason := why_refused(len(values), values, emulator):
+            refused[name] = reason
+        elif emulator is not None:
+            found[name] = sobol_indices(emulator, prior), emulator.q2
+    return found, refused
 
 
 def finished_members(study: Study) -> "list[Member]":
@@ -120,41 +134,32 @@ def _warnings(escaped: np.ndarray) -> Iterator[str]:
         )
 
 
-def _lines(
-    indices: Mapping[str, SobolIndices], quality: Mapping[str, float], refused: Mapping[str, str], members: int
-) -> Iterator[str]:
-    """A block for each quantity: a line for each parameter, the largest total index first."""
-    for name, one in indices.items():
-        unexplained = f"{one.unexplained:.1%} of the variance by no parameter"
-        yield f"{title(name)}: {members} members, held-out Q2 {quality[name]:.3f}, {unexplained}"
+def lines(record: Mapping[str, Any]) -> Iterator[str]:
+    """What the terminal prints of ``sensitivity.json``: a line for each parameter, the largest total index first."""
+    for one in record["quantities"].values():
+        quality = f"{len(record['members'])} members, held-out Q2 {one['held_out_q2']:.3f}"
+        yield f"{one['title']}: {quality}, {one['unexplained']:.1%} of the variance by no parameter"
         yield f"  {'parameter':36}{'alone':>8}{'5-95 %':>14}{'total':>8}{'5-95 %':>14}"
-        for k in np.argsort(-one.total):
-            first, total = (f"{low:.2f}-{high:.2f}" for low, high in (one.first_interval[:, k], one.total_interval[:, k]))
-            yield f"  {one.names[k]:36}{one.first[k]:8.2f}{first:>14}{one.total[k]:8.2f}{total:>14}"
-    for name, reason in refused.items():
-        yield f"{title(name)}: refused: {reason}"
+        for name, values in sorted(one["parameters"].items(), key=lambda row: -row[1]["total"]):
+            first, total = ("{:.2f}-{:.2f}".format(*values[f"{kind}_5_95"]) for kind in ("first", "total"))
+            yield f"  {name:36}{values['first']:8.2f}{first:>14}{values['total']:8.2f}{total:>14}"
+    for name, reason in record["refused"].items():
+        yield f"{name}: refused: {reason}"
 
 
-def write(
-    folder: Path, indices: Mapping[str, SobolIndices], quality: Mapping[str, float], refused: Mapping[str, str], members: int
-) -> list[Path]:
+def _write(folder: Path, record: Mapping[str, Any], indices: Mapping[str, SobolIndices]) -> list[Path]:
     """Paths of record, table and figure, after writing each as a whole."""
     import pandas as pd
 
-    quantities: dict[str, Any] = {
-        name: {"title": title(name), "held_out_q2": quality[name], **one.stored()} for name, one in indices.items()
-    }
     rows = [
         {"quantity": name, "parameter": parameter, **_flat(values)}
-        for name, one in quantities.items()
+        for name, one in record["quantities"].items()
         for parameter, values in one["parameters"].items()
     ]
-    record = {"members": members, "quantities": quantities, "refused": dict(refused)}
-    figure = tornado_figure({title(name): one for name, one in indices.items()})
     return [
         write_json(record, folder / RECORD),
         write_text(str(pd.DataFrame(rows).to_csv(index=False)), folder / TABLE),
-        write_figure(figure, folder / FIGURE),
+        write_figure(tornado_figure(indices), folder / FIGURE),
     ]
 
 
