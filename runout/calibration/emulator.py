@@ -90,9 +90,17 @@ class Emulator:
         return self.scale * float(np.sqrt(self.process.kernel_.k2.noise_level))
 
     def predict(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation (n,) of the scalar of a member at points (n, parameters), with the nugget."""
-        mean, deviation = self.process.predict(points - 0.5, return_std=True)
-        return self.centre + self.scale * mean, self.widening * self.scale * deviation
+        """Mean and standard deviation (n,) of the scalar of a member at points (n, parameters), with the nugget.
+
+        Equations 2.25 and 2.26; the same method of scikit-learn checks its input for longer than it works, thousands of times.
+        """
+        from scipy.linalg import solve_triangular
+
+        own, kernel = self.process, self.process.kernel_
+        cross = kernel(points - 0.5, own.X_train_)
+        explained = np.square(solve_triangular(own.L_, cross.T, lower=True, check_finite=False)).sum(axis=0)
+        deviation = np.sqrt(np.maximum(kernel.diag(points - 0.5) - explained, 0.0))
+        return self.centre + self.scale * (cross @ own.alpha_), self.widening * self.scale * deviation
 
     def mean(self, points: np.ndarray) -> np.ndarray:
         """Mean (n,) of the scalar at points (n, parameters)."""
