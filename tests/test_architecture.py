@@ -34,10 +34,16 @@ IMPORT_NAMES = {
     "ruamel.yaml": "ruamel",
     "pillow": "PIL",
     "dask-jobqueue": "dask_jobqueue",
+    "scikit-learn": "sklearn",
     "imageio-ffmpeg": "imageio_ffmpeg",
 }  # where it differs from the name of the distribution
 NOT_IMPORTED = {"cryptography", "requireit", "lavavu-osmesa"}  # dask and landlab import two; VTK loads a library of the third
-COME_WITH = {"llvmlite": "numba", "pydantic_core": "pydantic", "mpl_toolkits": "matplotlib"}  # always, in a version that fits
+COME_WITH = {  # always, in a version that fits
+    "llvmlite": "numba",
+    "pydantic_core": "pydantic",
+    "mpl_toolkits": "matplotlib",
+    "threadpoolctl": "sklearn",
+}
 HEAVY = (
     "numba",
     "warp",

@@ -30,6 +30,7 @@ OPTIONS_WITHOUT_TEST = {
     "animate": "colour camera image size fps device",
     "suggest-release": "soil-thickness soil-density transmissivity-recharge samples "
     "sample-seed probability largest-drainage least-area most",
+    "calibrate": "retry-failed",
     "scarp": "azimuth outline volume",
     "screen": "erosion-coefficient erodible-thickness grain-diameter",
     "bench": "full device precision",

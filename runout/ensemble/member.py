@@ -77,15 +77,15 @@ def failure_file(file: Path) -> Path:
     return file.with_name(f"{file.stem}.failed.json")
 
 
-def plan_members(site: "Site") -> list[Member]:
-    """All members of a site with their keys.
+def plan_members(site: "Site", design: Design | None = None) -> list[Member]:
+    """All members of a site with their keys; those of a ``design`` if it is stated, else of the ensemble of site.yaml.
 
     Raises
     ------
     InputError
         If an input file cannot be read.
     """
-    design = Design.of(site.settings.ensemble)
+    design = design or Design.of(site.settings.ensemble)
     common = _common_key(site)
     return [
         Member(i, p, s, checksum({"site": common, "parameters": p, "seed": s}))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.ensemble.cluster import Cluster
+from runout.ensemble.design import Design
 from runout.ensemble.dispatch import Outcome
 from runout.ensemble.fleet import Order, on_cluster
 from runout.ensemble.member import Member, members_folder, plan_members, stored_key
@@ -131,6 +132,7 @@ def run_ensemble(
     cluster: Cluster | None = None,
     member_bytes: float = 0.0,
     standby: "Standby | None" = None,
+    design: Design | None = None,
 ) -> EnsembleReport:
     """Run all members that have no valid result; returns a report.
 
@@ -165,6 +167,8 @@ def run_ensemble(
         Memory of the largest member [byte]; each worker of a cluster takes as many members as fit.
     standby : Standby, optional
         Worker processes of this machine that have started already.
+    design : Design, optional
+        Parameters and seeds of other members than those of site.yaml.
 
     Raises
     ------
@@ -180,7 +184,7 @@ def run_ensemble(
     results = Path(results).absolute() if cluster else Path(results)
     require_own_results(results)
     inputs = Unchanged(site.inputs())
-    members, folder = plan_members(site), members_folder(results)
+    members, folder = plan_members(site, design), members_folder(results)
     if part is not None:
         members = [member for member in members if member.number in part]
     with exclusive(folder) if part is None else shared(folder):

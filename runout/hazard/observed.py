@@ -1,7 +1,7 @@
 """Scores of an ensemble and of its members against the observations of a site, and maps of both together."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,13 +109,7 @@ def scored(
     setting = _setting(observed, site, terrain, releases, results)
     means, members, reaches = _Means(), {}, {}
     for (member, path), weight in zip(ensemble.files.items(), ensemble.weights, strict=True):
-        flow, change, waited = _flow(path, observed)
-        if change is None:
-            stated = float(ensemble.table.loc[member].get("release_volume_factor", 1.0))
-            factor = 1.0 if math.isnan(stated) else stated
-            sample = {str(name): value for name, value in ensemble.table.loc[member].items() if str(name).endswith(FAILS)}
-            started = [release for release in failing(releases, sample) if release.name not in waited]
-            change = elevation_change(flow.maps["deposit"], removed(started, factor))
+        flow, change = member_flow(path, observed, releases, ensemble.table.loc[member])
         means.add(flow, change, float(weight), observed, setting.thresholds)
         assessment = against_observations(flow, observed, setting, change)
         members[str(member)] = [score.stored() for score in assessment.scores]
@@ -135,8 +129,26 @@ def _setting(observed: Observations, site: "Site", terrain: Terrain, releases: S
     return Setting(thresholds, bars, observed.thalweg, start, terrain.elevation)
 
 
-def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None, list[str]]:
-    """Maps of a member, its change of elevation (rows, columns) [m] if its bed was eroded, and releases that never started."""
+def member_flow(
+    path: Path, observed: Observations, releases: Sequence[Release], sample: Mapping[str, Any]
+) -> tuple[Flow, np.ndarray]:
+    """Maps of a member on the cells of observations, and its change of elevation (rows, columns) [m].
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+    observed : Observations
+    releases : sequence of Release
+        With a volume factor of 1.
+    sample : mapping
+        Parameters of the member by name; NaN for those of the site.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be read, or is of another grid.
+    """
     with MemberMaps(path) as file:
         if file.shape != observed.grid.shape:
             remedy = "remove the members and run the ensemble again"
@@ -146,7 +158,12 @@ def _flow(path: Path, observed: Observations) -> tuple[Flow, np.ndarray | None, 
         change = file.layer(CHANGE, known).astype(np.float64) if CHANGE in file.held() else None
         waited = never_started(file.attributes)
     maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
-    return Flow(observed.grid, maps), change, waited
+    if change is None:
+        factor = float(sample.get("release_volume_factor", 1.0))
+        sources = {str(name): value for name, value in sample.items() if str(name).endswith(FAILS)}
+        started = [release for release in failing(releases, sources) if release.name not in waited]
+        change = elevation_change(maps["deposit"], removed(started, 1.0 if math.isnan(factor) else factor))
+    return Flow(observed.grid, maps), change
 
 
 def removed(releases: Sequence[Release], factor: float = 1.0) -> np.ndarray:

@@ -12,7 +12,10 @@ from runout.processes.owner import fault_of_owner
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"
 RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
-RESULT_FOLDERS = ("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes", ".locks")
+RESULT_FOLDERS = (
+    *("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes"),
+    *("sensitivity", "calibration", ".locks"),
+)
 RESULT_RECORD = "stages.json"  # a folder that holds it is one of results
 
 

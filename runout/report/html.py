@@ -91,6 +91,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "bed": settings.get("bed"),
         "scenarios": study.hazard.attrs.get("scenarios", ""),
         "members": tables.members(study),
+        "sensitivity": tables.sensitivity(study.sensitivity),
         "balance": tables.balance(study),
         "settings": tables.settings(settings),
         "provenance": tables.provenance(study.run),

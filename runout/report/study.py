@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
 from runout.forecast.numerical_error import require_error_bars
+from runout.io.atomic import read_json
 from runout.io.member_maps import MemberMaps, member_table
 from runout.io.probe_files import SITE_FILES
 from runout.report.maps import Basemap
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
+SENSITIVITY = "sensitivity/sensitivity.json"  # of `runout sensitivity`
 PROBED = ("cross_sections", "probes")
 OF_ALL = ("time", "kinetic_energy")  # of the ledgers of all members, for one figure
 
@@ -49,6 +51,8 @@ class Study:
         Numerical error of the maps, ``convergence.json``; None if it was not computed.
     loads : Loads or None
         Forces on structures, ``structures.nc``; None without structures.
+    sensitivity : mapping
+        Sobol indices of these members, ``sensitivity/sensitivity.json``; empty without, or if they are of other members.
     """
 
     hazard: "xr.Dataset"
@@ -59,6 +63,7 @@ class Study:
     convergence: Mapping[str, Any] | None = None
     loads: Loads | None = None
     probes: "Mapping[str, xr.Dataset]" = field(default_factory=dict)
+    sensitivity: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -111,7 +116,13 @@ def read_study(results: Path) -> Study:
         require_error_bars(_provenance(error, "verify --convergence"), error) if error.is_file() else None,
         read_loads(Path(results) / "structures.nc", representative(valid)) if len(valid) else None,
         _probes(results),
+        _sensitivity(results, valid),
     )
+
+
+def _sensitivity(results: Path, valid: "pd.DataFrame") -> dict[str, Any]:
+    record = read_json(Path(results) / SENSITIVITY)
+    return record if set(record.get("members", ())) == set(valid["file"]) and record.get("quantities") else {}
 
 
 def _probes(results: Path) -> "dict[str, xr.Dataset]":

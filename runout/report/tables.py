@@ -67,6 +67,19 @@ def sampled_parameters(study: Study) -> list[str]:
     return [c for c in study.members.columns if c not in others and not str(c).endswith(OF_RELEASE + FAILS)]
 
 
+def sensitivity(record: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Table of total Sobol indices: titles of the quantities, a row for each parameter, and what was refused; None without."""
+    if not record:
+        return None
+    quantities = list(record["quantities"].values())
+    rows = []
+    for name in quantities[0]["parameters"]:
+        of_parameter = [one["parameters"][name] for one in quantities]
+        cells = ["{:.2f} ({:.2f} to {:.2f})".format(values["total"], *values["total_5_95"]) for values in of_parameter]
+        rows.append((parameter_variable(name).long_name, cells))
+    return {"titles": [one["title"] for one in quantities], "rows": rows, "refused": list(record["refused"].items())}
+
+
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
     """Key figures of the report: label, value, remark."""
     hazard, valid = study.hazard, study.valid

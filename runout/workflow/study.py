@@ -241,7 +241,14 @@ class Study:
         observed = [self.observations] if self.observations else []
         if stage == "hazard":  # scores have error bars
             return [*members, observed, bars] if observed else members
-        return [members, self.record.checksums("hazard"), bars, *observed]
+        indices = self.results / "sensitivity" / "sensitivity.json"
+        return [
+            members,
+            self.record.checksums("hazard"),
+            bars,
+            *observed,
+            *([digest_files([indices])] if indices.is_file() else []),
+        ]
 
     def why_stale(self, stage: Stage) -> str | None:
         """Reason why a stage has to be run; None if it is up to date."""

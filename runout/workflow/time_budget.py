@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.schema import LARGEST_NET
+from runout.ensemble.design import Design
 from runout.errors import BudgetError, CapacityError, ConfigError
 from runout.forecast.accuracy import FEWEST_MEASURED, Preset, expected_errors
 from runout.forecast.numerical_error import read_convergence, require_error_bars
@@ -176,12 +177,14 @@ class TimeBudget:
 
     @property
     def _sampled(self) -> bool:
-        return bool(self.site.settings.ensemble.parameters)
+        """Whether the number of members is free: parameters are sampled, and no scenarios or table state the members."""
+        ensemble = self.site.settings.ensemble
+        return bool(ensemble.parameters) and not (ensemble.scenarios or ensemble.table)
 
     @property
     def _fewest(self) -> int:
-        """Members of the smallest net; those of the site where no parameter is sampled."""
-        return SMALLEST_NET if self._sampled else int(self.site.settings.ensemble.members)
+        """Members of the smallest net; those of the site where their number is not free."""
+        return SMALLEST_NET if self._sampled else len(Design.of(self.site.settings.ensemble).seeds)
 
     def _size(self, cells: float) -> tuple[tuple[float, float, float], float]:
         """Spacing [m] with so many cells through the mean thickness of the release, of the shape of the site's cells, and cells."""
@@ -201,7 +204,9 @@ class TimeBudget:
         """The site with other cells and another number of members."""
         from runout.config.overrides import with_cell_size
 
-        ensemble = self.site.settings.ensemble.model_copy(update={"members": members, "tolerance": None})
+        ensemble = self.site.settings.ensemble
+        if self._sampled:
+            ensemble = ensemble.model_copy(update={"members": members, "tolerance": None})
         cells = size if len(set(size)) > 1 else size[:1]
         return self.site.with_settings(simulation=with_cell_size(self.site.settings.simulation, cells), ensemble=ensemble)
 
@@ -240,7 +245,7 @@ class TimeBudget:
     def settings(self, choice: Choice) -> tuple[str, ...]:
         """Settings of the command line (``--set``) that make a choice."""
         stated = self.site.stated()
-        changes = [f"{CHOSEN[0]}={choice.cells}", f"{CHOSEN[1]}={choice.members}"]
+        changes = [f"{CHOSEN[0]}={choice.cells}"] + ([f"{CHOSEN[1]}={choice.members}"] if self._sampled else [])
         changes += ["ensemble.tolerance="] if "tolerance" in stated.get("ensemble", {}) else []
         changes += ["simulation.accuracy="] if {"accuracy", "cfl"} <= stated["simulation"].keys() else []
         return tuple(changes)
@@ -277,7 +282,7 @@ class TimeBudget:
         """Why a choice is taken, and what its errors do not hold."""
         finer = "finer cells do not fit" if taken is choices[-1] else "finer cells leave too few members"
         if not self._sampled:
-            return f"cells of {taken.cells} m: {finer}; no parameter is sampled, so that the number of members stays"
+            return f"cells of {taken.cells} m: {finer}; the site states its members, or samples no parameter: their number stays"
         if not taken.sampling:
             return f"cells of {taken.cells} m: {finer}; the spread by the sampled parameters cannot be forecast"
         return f"cells of {taken.cells} m and {taken.members} members leave the least error together; {finer}"

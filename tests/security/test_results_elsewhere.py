@@ -33,7 +33,7 @@ NAMES = ["run.log", "stages.json", "inputs.json", "checksums.json", "hazard.nc",
 COMMANDS = [
     ("check",), ("run",), ("terrain",), ("release",), ("ensemble",), ("ensemble", "--members", "0:1"), ("hazard",), ("report",),
     ("status",), ("clean",), ("simulate",), ("probe",), ("view",), ("animate",), ("animate", "--output", "film.gif"), ("screen",),
-    ("suggest-release",),
+    ("suggest-release",), ("calibrate",), ("sensitivity",),
 ]  # fmt: skip
 
 

@@ -1,0 +1,239 @@
+"""Scalars of an observed event and of a member that models it: area, run-out, volume, distance, values at gauges.
+
+One function makes the scalars of both, so that they are defined alike. A scalar has a name such as ``outline.area``, whose first
+part is the observation, and a standard error: 10 % of an area, 20 % of a volume, a cell of the grid for a length, and so on
+(:data:`KINDS`).
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.errors import ConfigError
+from runout.report.members import Reach
+from runout.scores.assessment import values_at_gauges
+from runout.scores.elevation_change import detected
+from runout.scores.flow import Flow
+from runout.scores.observations import Observations
+
+if TYPE_CHECKING:
+    from runout.model.terrain import Terrain
+
+Scalars = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Unit and default standard error of a kind of scalar.
+
+    Attributes
+    ----------
+    units : str
+        UDUNITS unit.
+    relative : float
+        Standard error over the observed value [1]; 0 where it is a cell of the grid.
+    meaning : str
+    """
+
+    units: str
+    relative: float
+    meaning: str
+
+
+KINDS = {
+    "area": Kind("m2", 0.1, "area in which the flow or deposit reaches the smallest thickness threshold"),
+    "runout": Kind("m", 0.0, "farthest place of that area along the thalweg; without a thalweg, its distance from the release"),
+    "volume": Kind("m3", 0.2, "volume of the deposit in the cells that the observation knows"),
+    "distance": Kind("m", 0.0, "mean distance of the deposit from the release, or place along the thalweg, by volume"),
+    "erosion": Kind("m3", 0.2, "volume by which the ground is lower"),
+    "deposition": Kind("m3", 0.2, "volume by which the ground is higher"),
+    "thickness": Kind("m", 0.3, "largest thickness at a gauge"),
+    "speed": Kind("m s-1", 0.2, "largest speed at a gauge"),
+    "arrival_rate": Kind("s-1", 0.1, "1 / arrival time at a gauge; 0 where the flow does not arrive"),
+}
+
+
+@dataclass(frozen=True)
+class ObservedScalar:
+    """An observed value with its standard error, both in the unit of its kind."""
+
+    name: str
+    value: float
+    error: float
+
+    @property
+    def group(self) -> str:
+        """The observation that it belongs to."""
+        return self.name.partition(".")[0]
+
+    @property
+    def units(self) -> str:
+        """UDUNITS unit."""
+        return kind_of(self.name).units
+
+
+def kind_of(name: str) -> Kind:
+    """Kind of a scalar by its name."""
+    return KINDS[name.split(".")[1]]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Measures scalars on the cells of observations.
+
+    Attributes
+    ----------
+    observed : Observations
+    reach : Reach
+        Distance of the cells from the release.
+    threshold : float
+        Thickness [m] that bounds the area of a modelled flow or deposit.
+    """
+
+    observed: Observations
+    reach: Reach
+    threshold: float
+
+    @classmethod
+    def of(cls, observed: Observations, terrain: "Terrain", released: np.ndarray, threshold: float) -> "Measure":
+        """The measure on a terrain with thickness ``released`` (rows, columns) [m]."""
+        return cls(observed, Reach.on(released > 0, terrain.easting, terrain.northing, terrain.elevation), threshold)
+
+    def of_event(self) -> Scalars:
+        """Scalars of the event."""
+        found: Scalars = {}
+        if self.observed.outline is not None:
+            found |= self._area(self.observed.shares)
+        if self.observed.deposit is not None:
+            found |= self._deposit(self.observed.deposit)
+        if self.observed.change is not None:
+            found |= self._change(self.observed.change)
+        if self.observed.gauges is not None:
+            for name, values in self.observed.gauges.values.items():
+                found |= dict(_at_gauges(name, values, values))
+        return found
+
+    def of_member(self, flow: Flow, change: np.ndarray) -> Scalars:
+        """The same scalars of a member, from its maps and its change of elevation (rows, columns) [m]."""
+        found: Scalars = {}
+        if self.observed.outline is not None:
+            quantity = "deposit" if self.observed.outline_shows == "deposit" else "thickness"
+            found |= self._area(flow.area(quantity, self.threshold))
+        if self.observed.deposit is not None:
+            found |= self._deposit(np.where(np.isnan(self.observed.deposit), np.nan, flow.maps["deposit"]))
+        if self.observed.change is not None:
+            found |= self._change(np.where(np.isnan(self.observed.change), np.nan, change))
+        if self.observed.gauges is not None:
+            for name, values in values_at_gauges(flow, self.observed.gauges).items():
+                found |= dict(_at_gauges(name, values, self.observed.gauges.values[name]))
+        return found
+
+    def _area(self, shares: np.ndarray) -> Scalars:
+        """Area and run-out of reached shares (rows, columns) [1]."""
+        reached = np.nan_to_num(shares) >= 0.5
+        thalweg = self.observed.thalweg
+        if thalweg is None:
+            runout = self.reach.runout(reached)[0]
+        else:  # the release counts, so that a flow that stays has a place
+            rows, columns = np.nonzero(reached | self.reach.released)
+            runout = float(thalweg.coordinates(self.reach.easting[columns], self.reach.northing[rows])[0].max())
+        return {"outline.area": float(np.nansum(shares)) * self.reach.cell_area, "outline.runout": runout}
+
+    def _deposit(self, thickness: np.ndarray) -> Scalars:
+        known = np.nan_to_num(thickness)
+        return {"deposit.volume": float(known.sum()) * self.reach.cell_area, "deposit.distance": self._mean_distance(known)}
+
+    def _change(self, change: np.ndarray) -> Scalars:
+        moved = np.nan_to_num(detected(change, self.observed.detection_limit))
+        raised, lowered = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
+        return {
+            "difference.erosion": float(lowered.sum()) * self.reach.cell_area,
+            "difference.deposition": float(raised.sum()) * self.reach.cell_area,
+            "difference.distance": self._mean_distance(raised),
+        }
+
+    def _mean_distance(self, thickness: np.ndarray) -> float:
+        """Mean distance [m] of a thickness (rows, columns) from the release, or place along the thalweg; 0 without any."""
+        rows, columns = np.nonzero(thickness > 0)
+        if not rows.size:
+            return 0.0
+        thalweg, weights = self.observed.thalweg, thickness[rows, columns]
+        distance = self.reach.distance[rows, columns]
+        if thalweg is not None:
+            distance = thalweg.coordinates(self.reach.easting[columns], self.reach.northing[rows])[0]
+        return float(np.average(distance, weights=weights))
+
+
+def _at_gauges(name: str, values: np.ndarray, observed: np.ndarray) -> Iterator[tuple[str, float]]:
+    """Scalars of a quantity at the gauges (n,) at which it was observed; gauges count from 1.
+
+    An arrival before a tenth of the observed time counts as that tenth: a gauge on the release would have an infinite rate.
+    """
+    for k in np.flatnonzero(np.isfinite(observed) & ~np.isnan(values)):
+        if name != "arrival_time":
+            yield f"gauges.{name}.{k + 1}", float(values[k])
+        elif observed[k] > 0:
+            yield f"gauges.arrival_rate.{k + 1}", 1.0 / max(float(values[k]), 0.1 * float(observed[k]))
+
+
+def observed_scalars(values: Scalars, cell: float) -> list[ObservedScalar]:
+    """Scalars of an event with their default standard errors; ``cell`` [m] is the largest spacing of grid and raster."""
+    found = []
+    for name, value in values.items():
+        relative = kind_of(name).relative
+        found.append(ObservedScalar(name, value, relative * abs(value) if relative else cell))
+    return found
+
+
+def with_errors(scalars: Sequence[ObservedScalar], errors: Sequence[str], without: Sequence[str]) -> list[ObservedScalar]:
+    """Scalars with stated standard errors, less those that are left out.
+
+    Parameters
+    ----------
+    scalars : sequence of ObservedScalar
+    errors : sequence of str
+        ``NAME=ERROR`` with a name or its first parts (``outline.area``, ``gauges.speed``, ``deposit``), and a standard error in
+        percent of the observed value (``5%``) or in the unit of the scalar (``30``).
+    without : sequence of str
+        Names, or their first parts, of scalars that do not count.
+
+    Raises
+    ------
+    ConfigError
+        If a name is not among the scalars, an error is no number above 0, or nothing is left.
+    """
+    found = {one.name: one for one in scalars}
+    for text in errors:
+        name, _, stated = text.partition("=")
+        for one in _named(name, found, f"--error {text}"):
+            found[one.name] = replace(one, error=_stated_error(stated, one, text))
+    for name in without:
+        for one in _named(name, found, f"--without {name}"):
+            del found[one.name]
+    zero = [one.name for one in found.values() if not one.error > 0]
+    if zero:
+        raise ConfigError(f"{zero[0]}: observed is 0, of which a share is no standard error; state it: --error {zero[0]}=NUMBER")
+    if not found:
+        raise ConfigError("--without leaves no observation; leave out fewer")
+    return list(found.values())
+
+
+def _named(name: str, scalars: Mapping[str, ObservedScalar], option: str) -> list[ObservedScalar]:
+    chosen = [one for key, one in scalars.items() if f"{key}.".startswith(f"{name}.")]
+    if not chosen:
+        raise ConfigError(f"{option}: no observation has this name; the site has {', '.join(scalars)}")
+    return chosen
+
+
+def _stated_error(stated: str, scalar: ObservedScalar, text: str) -> float:
+    number, share = stated.removesuffix("%"), stated.endswith("%")
+    try:
+        error = float(number) * (abs(scalar.value) / 100.0 if share else 1.0)
+    except ValueError:
+        error = math.nan
+    if not (math.isfinite(error) and error > 0):
+        raise ConfigError(f"--error {text}: this is no standard error above 0; write NAME=5% or NAME=30, in {scalar.units}")
+    return error
