@@ -163,7 +163,7 @@ class Matrix(Settings):
     checked: Checked = checked()
 
 
-class Scheme(Settings):
+class DangerScheme(Settings):
     """A scheme of danger classes."""
 
     title: Text = quantity("name of the scheme")
@@ -227,7 +227,7 @@ def path_of(stated: str, folder: Path = FOLDER) -> Path:
     return folder / stated if is_file(stated) else FOLDER / f"{stated}.yaml"
 
 
-def read_scheme(stated: str, folder: Path = FOLDER) -> Scheme:
+def read_scheme(stated: str, folder: Path = FOLDER) -> DangerScheme:
     """The scheme of a name or of a file, whose path is relative to ``folder``.
 
     Raises
@@ -246,10 +246,10 @@ def read_scheme(stated: str, folder: Path = FOLDER) -> Scheme:
         problems.append(Problem(path.name, 1, "", f"{shown(document.values)}; a block of `key: value` lines is needed"))
     elif not problems:
         try:
-            scheme = Scheme.model_validate(document.values)
+            scheme = DangerScheme.model_validate(document.values)
             problems += [document.problem(*found) for found in _contradictions(scheme)]
         except ValidationError as error:
-            problems += problems_of(error, document, Scheme)
+            problems += problems_of(error, document, DangerScheme)
     if problems or scheme is None:
         raise ConfigError(problems)
     return scheme
@@ -281,7 +281,7 @@ def site_problems(document: Document, folder: Path) -> Iterator[Problem]:
     yield from _unmet(document, place, stated, scheme)
 
 
-def _unmet(document: Document, place: Location, stated: str, scheme: Scheme) -> Iterator[Problem]:
+def _unmet(document: Document, place: Location, stated: str, scheme: DangerScheme) -> Iterator[Problem]:
     """What a scheme needs that nobody states."""
     missing = [key for key in ("presence", "vulnerability") if scheme.risk and getattr(scheme.risk, key) is None]
     if missing:
@@ -295,7 +295,7 @@ def _unmet(document: Document, place: Location, stated: str, scheme: Scheme) -> 
                 yield document.problem(place, message, "add bed: {depth: ..., erosion: {...}}, or choose another scheme")
 
 
-def _contradictions(scheme: Scheme) -> Iterator[tuple[Location, str, str]]:
+def _contradictions(scheme: DangerScheme) -> Iterator[tuple[Location, str, str]]:
     """Settings that contradict each other: location, message, remedy."""
     named: dict[str, Any] = {"classes": scheme.classes, "levels": scheme.levels}
     for key, entries in named.items():
@@ -313,7 +313,7 @@ def _contradictions(scheme: Scheme) -> Iterator[tuple[Location, str, str]]:
     yield from _of_matrix(scheme, len(scheme.return_periods.years if scheme.return_periods else scheme.risk.annual))  # type: ignore[union-attr]
 
 
-def _of_matrix(scheme: Scheme, periods: int) -> Iterator[tuple[Location, str, str]]:
+def _of_matrix(scheme: DangerScheme, periods: int) -> Iterator[tuple[Location, str, str]]:
     """Missing, surplus and unknown cells of the matrix."""
     levels = [level.name for level in scheme.levels]
     if scheme.beyond and scheme.beyond not in levels:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.config.scheme import Scheme, read_scheme
+from runout.config.scheme import DangerScheme, read_scheme
 from runout.errors import ConfigError
 from runout.hazard.frequency import Frequencies, at_return_period
 from runout.hazard.style import class_colours
@@ -33,16 +33,16 @@ class DangerClasses:
 
     Attributes
     ----------
-    scheme : Scheme
-    rate : ndarray (members,)
-        Annual rate of each member [1/a].
+    scheme : DangerScheme
+    rate : ndarray
+        Annual rate [1/a] of each member (members,).
     arrival_threshold : float
         Thickness from which the flow reaches a cell [m]: the lowest threshold of inundation.
     has_bed : bool
         Whether the members have an erodible bed.
     """
 
-    scheme: Scheme
+    scheme: DangerScheme
     rate: np.ndarray
     arrival_threshold: float
     has_bed: bool = False
