@@ -43,7 +43,13 @@ def test_parts_and_releases_that_start_together_are_said_with_the_remedy(tmp_pat
     notes = inspect(folder, forecast=False).notes
     patches = "release second: its 2 separate patches start together at time zero, in every member; where each may fail alone"
     assert sum(patches in note for note in notes) == 1
-    assert sum("the 2 releases (slab, second) start together" in note and "make a site of each" in note for note in notes) == 1
+    assert (
+        sum(
+            "the 2 releases (slab, second) start together" in note and "name it in the releases of a scenario" in note
+            for note in notes
+        )
+        == 1
+    )
     assert not any("start together" in note for note in inspect(write_site(tmp_path / "one"), forecast=False).notes)
 
 
