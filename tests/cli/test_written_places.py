@@ -37,8 +37,8 @@ def line(capsys, *tokens):
 COMMANDS = [
     ("run", "ramp"), ("ensemble", "ramp"), ("hazard", "ramp"), ("simulate", "ramp"), ("animate", "ramp"), ("probe", "ramp"),
     ("profile", "ramp", "--line", "note"), ("screen", "ramp"), ("suggest-release", "ramp"), ("scarp", "ramp"),
-    ("compare", "ramp", "ramp"), ("calibrate", "ramp"), ("sensitivity", "ramp"), ("verify", "U6"), ("validate", "columns"),
-    ("stress",),
+    ("compare", "ramp", "ramp"), ("calibrate", "ramp"), ("sensitivity", "ramp"),
+    ("verify", "U6"), ("validate", "columns"), ("stress",),
 ]  # fmt: skip
 
 

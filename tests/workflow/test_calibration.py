@@ -1,6 +1,7 @@
 """A synthetic event on the ramp: its friction is found again, runs are kept, and what cannot be calibrated is refused."""
 
 import json
+from functools import wraps
 
 import geopandas
 import numpy as np
@@ -90,6 +91,35 @@ def test_a_second_call_runs_no_member(calibrated, monkeypatch, capsys):
     assert "basal_friction_angle_deg" in said
     assert "error of the grid: not in these numbers" in said
     assert "validation, each predicted from the other observations:" in said
+
+
+def test_a_round_that_was_broken_off_goes_on_with_the_same_members(calibrated, monkeypatch):
+    arguments = ["calibrate", str(calibrated), "--rounds", "2", "--points", "4", "--workers", "1"]
+    simulate, angles = runout.simulate, []
+
+    @wraps(simulate)
+    def twice(**scenario):
+        if len(angles) == 2:
+            raise KeyboardInterrupt
+        angles.append(scenario["basal_friction_angle"])
+        return simulate(**scenario)
+
+    monkeypatch.setattr(runout, "simulate", twice)
+    assert cli.main(arguments) == cli.INTERRUPTED
+    rounds = json.loads((calibrated / "results" / FOLDER / "rounds.json").read_text())["rounds"]
+    rest = []
+
+    @wraps(simulate)
+    def counted(**scenario):
+        rest.append(scenario["basal_friction_angle"])
+        return simulate(**scenario)
+
+    monkeypatch.setattr(runout, "simulate", counted)
+    assert cli.main(arguments) == 0
+    assert len(rest) == 2
+    planned = 10.0 + 16.0 * np.array(rounds[1])[:, 0]
+    np.testing.assert_allclose(angles + rest, planned, rtol=1e-12)
+    assert record(calibrated)["members"] == 40
 
 
 def test_options_leave_out_observations_and_state_errors(calibrated, monkeypatch):
