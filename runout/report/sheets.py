@@ -84,23 +84,16 @@ def headline_sheets(study: Study) -> list[Sheet]:
 def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
     """Further maps of the report: exceedance of all other thresholds and of joint conditions, other extremes, arrival."""
     titles, hazard = {sheet.title for sheet in headline}, study.hazard
-    exceedances = [
-        exceedance_sheet(hazard, name, float(level))
-        for name, quantity in ALL_QUANTITIES.items()
-        if quantity.threshold in hazard.coords
-        for level in hazard[quantity.threshold].values
-    ]
-    annual = [
-        sheet
-        for quantity in ALL_QUANTITIES.values()
-        for sheet in (*_annual_sheets(hazard, quantity), *_return_period_sheets(hazard, quantity))
-    ]
+    asked = [q for q in ALL_QUANTITIES.values() if q.thresholds or q.threshold in hazard.coords]  # not those of criteria alone
+    levels = [(q.name, float(level)) for q in asked if q.threshold in hazard.coords for level in hazard[q.threshold].values]
+    if "scenarios" in hazard.attrs:  # the annual rates are the probabilities times the rate of all scenarios
+        exceedances = [sheet for q in asked for sheet in (*_annual_sheets(hazard, q), *_return_period_sheets(hazard, q))]
+    else:
+        exceedances = [exceedance_sheet(hazard, name, level) for name, level in levels]
     joint = [joint_sheet(hazard, number, condition) for number, condition in enumerate(conditions_of(hazard), 1)]
-    shown = [quantity for name, quantity in ALL_QUANTITIES.items() if name not in HEADLINES and quantity.peak in hazard]
+    shown = [q for q in asked if q.name not in HEADLINES and q.peak in hazard]
     peaks = [*(_peak_sheet(hazard, quantity) for quantity in shown), *_bed_percentile_sheets(hazard)]
-    return [
-        sheet for sheet in (*annual, *exceedances, *joint, *peaks, *_arrival_percentile_sheets(hazard)) if sheet.title not in titles
-    ]
+    return [sheet for sheet in (*exceedances, *joint, *peaks, *_arrival_percentile_sheets(hazard)) if sheet.title not in titles]
 
 
 def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
