@@ -74,7 +74,7 @@ def statement(found: list[Part], study: Study) -> str:
     decides = f"{first.source} decide{'' if first.source == PARAMETERS else 's'}"
     among = " among the known ones" if unknown else ""
     return (
-        f"The median run-out of {quantity(median, 'm')} is open by {bars}{more}: {decides}{among}; {first.remedy} would reduce it."
+        f"The median run-out of {quantity(median, 'm')} is uncertain by {bars}{more}: {decides}{among}; {first.remedy} would reduce it."
     )
 
 

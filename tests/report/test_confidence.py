@@ -50,7 +50,7 @@ def test_weights_count(study):
 def test_parameters_decide_where_the_spread_is_widest(study):
     changed = with_runouts(study, [700.0, 800.0, 900.0, 1000.0, 1100.0, 1200.0, 1300.0])
     said = statement(parts(changed, SETTINGS), changed)
-    assert said.replace("\u202f", " ").startswith("The median run-out of 1 000 m is open by ± 36 %")
+    assert said.replace("\u202f", " ").startswith("The median run-out of 1 000 m is uncertain by ± 36 %")
     assert ": the sampled parameters decide; better knowledge of friction, volume and material would reduce it." in said
 
 
