@@ -73,9 +73,8 @@ def statement(found: list[Part], study: Study) -> str:
     first = known[0]
     decides = f"{first.source} decide{'' if first.source == PARAMETERS else 's'}"
     among = " among the known ones" if unknown else ""
-    return (
-        f"The median run-out of {quantity(median, 'm')} is uncertain by {bars}{more}: {decides}{among}; {first.remedy} would reduce it."
-    )
+    what = f"The median run-out of {quantity(median, 'm')} is uncertain by {bars}{more}"
+    return f"{what}: {decides}{among}; {first.remedy} would reduce it."
 
 
 def _median(values: np.ndarray, weights: np.ndarray) -> float:
