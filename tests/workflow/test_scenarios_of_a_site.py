@@ -53,6 +53,16 @@ def test_members_hold_the_releases_of_their_scenario_alone(site):
     np.testing.assert_allclose(members["weight"], RATES / (1 / 30 + 1 / 50), rtol=1e-12)
 
 
+def test_members_are_events_for_climada(site):
+    """What its reader of rasters takes: a map by event, north and east, rates by event, and the coordinate system."""
+    members = netcdf.read(site / "results" / "members.nc")
+    for name in ("max_flow_thickness", "max_speed", "max_pressure", "deposit_thickness"):
+        assert members[name].dims == ("realization", "y", "x")
+    assert members["annual_rate"].dims == members["scenario"].dims == ("realization",)
+    assert len(set(members["realization"].values.tolist())) == members.sizes["realization"]
+    assert members["crs"].attrs["crs_wkt"]
+
+
 def test_annual_maps_are_those_of_the_members(site):
     results = site / "results"
     hazard, members = netcdf.read(results / "hazard.nc"), netcdf.read(results / "members.nc")
