@@ -78,3 +78,9 @@ def test_a_key_that_is_set_twice_is_refused(site_folder):
 def test_problems_of_file_and_options_are_listed_together(edited):
     lines = refused(edited("members: 4", "members: four"), "simulation.cell_size=ten")
     assert [line.split(": ")[0] for line in lines] == ["--set", "site.yaml:19"]
+
+
+@pytest.mark.parametrize("releases", ["5", "{a: 1}", "", "[5, {}]"])
+def test_releases_that_are_no_list_are_refused_beside_settings(edited, releases):
+    folder = edited("release:\n", f"release: {releases}\nother:\n")
+    assert any(line.startswith("site.yaml") for line in refused(folder, "simulation.cell_size=20"))
