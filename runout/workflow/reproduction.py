@@ -18,6 +18,7 @@ from runout.config.site import Site
 from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
 from runout.errors import ConfigError, ExitCode, InputError, StorageError
 from runout.io import netcdf, source_code
+from runout.io.boundary import require_regular
 from runout.io.provenance import input_record, installed_versions
 from runout.workflow.hazard_map import run_study
 from runout.workflow.study import Study
@@ -54,10 +55,13 @@ class Origin:
 
         Raises
         ------
+        InputError
+            If there is no such file.
         StorageError
-            If there is no such file, or it does not hold its settings.
+            If it cannot be read, or does not hold its settings.
         """
         product = path / PRODUCT if path.is_dir() else path
+        require_regular(product, InputError)
         attributes = netcdf.read_attributes(product)
         lacking = [name for name in NEEDED if name not in attributes]
         if lacking:
