@@ -35,7 +35,7 @@ def site(finished, tmp_path):
 def reproduce(capsys, *arguments):
     """Exit code, and what is printed."""
     capsys.readouterr()
-    code = cli.main(["-q", "reproduce", *map(str, arguments), "--workers", "1"])
+    code = cli.main(["-q", "reproduce", *map(str, arguments), "--workers", "1", "--threads", "1", "--device", "cpu"])
     said = capsys.readouterr()
     return code, said.out.replace("\n", " "), said.err.replace("\n", " ")
 

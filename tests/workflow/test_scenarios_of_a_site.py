@@ -26,7 +26,13 @@ ensemble:
       parameters: {basal_friction_angle_deg: {distribution: uniform, low: 18, high: 22}}
     - {name: large, exceedance_return_period: 300, releases: [upper], parameters: {release_volume_factor: 1.5}}
     - {name: side, return_period: 50, releases: [side]}
-hazard: {thickness_thresholds: [0.1, 1], speed_thresholds: [1], percentiles: [50], return_periods: [30, 100, 300]}
+hazard:
+  thickness_thresholds: [0.1, 1]
+  speed_thresholds: [1]
+  unit_discharge_thresholds: [1]
+  thickness_and_speed_thresholds: [1]
+  percentiles: [50]
+  return_periods: [30, 100, 300]
 """
 RATES = np.array([1 / 30 - 1 / 100, 0.5 * (1 / 100 - 1 / 300), 0.5 * (1 / 100 - 1 / 300), 1 / 300, 1 / 50])
 
@@ -80,6 +86,19 @@ def test_annual_maps_are_those_of_the_members(site):
     assert "annual rates and conditional probabilities" in text
     assert "Peak flow thickness, return period 100 years" in text
     assert "No events beyond the scenarios" in text
+
+
+@pytest.mark.parametrize("name", ["unit_discharge", "thickness_and_speed"])
+def test_thickness_and_speed_together_have_thresholds(site, name):
+    hazard, members = (netcdf.read(site / "results" / file) for file in ("hazard.nc", "members.nc"))
+    largest = members[f"max_{name}"].fillna(0.0).values
+    peaks = members["max_flow_thickness"].fillna(0.0).values, members["max_speed"].fillna(0.0).values
+    bound = peaks[0] * peaks[1] if name == "unit_discharge" else np.minimum(*peaks)
+    assert (largest <= 1.001 * bound + 1e-6).all()  # of one time, and not of the maxima
+    assert (largest < 0.9 * bound).any()
+    rate = np.einsum("m,mij->ij", RATES, largest >= np.float32(1.0))
+    assert 0.0 < rate.max() <= RATES.sum() * 1.001
+    np.testing.assert_allclose(hazard[f"{name}_annual_exceedance"].values[0], rate, rtol=1e-5)
 
 
 def test_a_change_of_rates_makes_new_maps_of_the_same_members(site):
