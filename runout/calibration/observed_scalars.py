@@ -104,32 +104,32 @@ class Measure:
 
     def of_event(self) -> Scalars:
         """Scalars of the event."""
-        found: Scalars = {}
+        scalars: Scalars = {}
         if self.observed.outline is not None:
-            found |= self._area(self.observed.shares)
+            scalars |= self._area(self.observed.shares)
         if self.observed.deposit is not None:
-            found |= self._deposit(self.observed.deposit)
+            scalars |= self._deposit(self.observed.deposit)
         if self.observed.change is not None:
-            found |= self._change(self.observed.change)
+            scalars |= self._change(self.observed.change)
         if self.observed.gauges is not None:
             for name, values in self.observed.gauges.values.items():
-                found |= dict(_at_gauges(name, values, values))
-        return found
+                scalars |= dict(_at_gauges(name, values, values))
+        return scalars
 
     def of_member(self, flow: Flow, change: np.ndarray) -> Scalars:
         """The same scalars of a member, from its maps and its change of elevation (rows, columns) [m]."""
-        found: Scalars = {}
+        scalars: Scalars = {}
         if self.observed.outline is not None:
             quantity = "deposit" if self.observed.outline_shows == "deposit" else "thickness"
-            found |= self._area(flow.area(quantity, self.threshold))
+            scalars |= self._area(flow.area(quantity, self.threshold))
         if self.observed.deposit is not None:
-            found |= self._deposit(np.where(np.isnan(self.observed.deposit), np.nan, flow.maps["deposit"]))
+            scalars |= self._deposit(np.where(np.isnan(self.observed.deposit), np.nan, flow.maps["deposit"]))
         if self.observed.change is not None:
-            found |= self._change(np.where(np.isnan(self.observed.change), np.nan, change))
+            scalars |= self._change(np.where(np.isnan(self.observed.change), np.nan, change))
         if self.observed.gauges is not None:
             for name, values in values_at_gauges(flow, self.observed.gauges).items():
-                found |= dict(_at_gauges(name, values, self.observed.gauges.values[name]))
-        return found
+                scalars |= dict(_at_gauges(name, values, self.observed.gauges.values[name]))
+        return scalars
 
     def _area(self, shares: np.ndarray) -> Scalars:
         """Area and run-out of reached shares (rows, columns) [1]."""
@@ -181,11 +181,8 @@ def _at_gauges(name: str, values: np.ndarray, observed: np.ndarray) -> Iterator[
 
 def observed_scalars(values: Scalars, cell: float) -> list[ObservedScalar]:
     """Scalars of an event with their default standard errors; ``cell`` [m] is the largest spacing of grid and raster."""
-    found = []
-    for name, value in values.items():
-        relative = kind_of(name).relative
-        found.append(ObservedScalar(name, value, relative * abs(value) if relative else cell))
-    return found
+    shares = {name: kind_of(name).relative for name in values}
+    return [ObservedScalar(name, value, shares[name] * abs(value) if shares[name] else cell) for name, value in values.items()]
 
 
 def with_errors(scalars: Sequence[ObservedScalar], errors: Sequence[str], without: Sequence[str]) -> list[ObservedScalar]:
@@ -205,20 +202,20 @@ def with_errors(scalars: Sequence[ObservedScalar], errors: Sequence[str], withou
     ConfigError
         If a name is not among the scalars, an error is no number above 0, or nothing is left.
     """
-    found = {one.name: one for one in scalars}
+    by_name = {one.name: one for one in scalars}
     for text in errors:
-        name, _, stated = text.partition("=")
-        for one in _named(name, found, f"--error {text}"):
-            found[one.name] = replace(one, error=_stated_error(stated, one, text))
+        name, _, error = text.partition("=")
+        for one in _named(name, by_name, f"--error {text}"):
+            by_name[one.name] = replace(one, error=_read_error(error, one, text))
     for name in without:
-        for one in _named(name, found, f"--without {name}"):
-            del found[one.name]
-    zero = [one.name for one in found.values() if not one.error > 0]
+        for one in _named(name, by_name, f"--without {name}"):
+            del by_name[one.name]
+    zero = [one.name for one in by_name.values() if not one.error > 0]
     if zero:
         raise ConfigError(f"{zero[0]}: observed is 0, of which a share is no standard error; state it: --error {zero[0]}=NUMBER")
-    if not found:
+    if not by_name:
         raise ConfigError("--without leaves no observation; leave out fewer")
-    return list(found.values())
+    return list(by_name.values())
 
 
 def _named(name: str, scalars: Mapping[str, ObservedScalar], option: str) -> list[ObservedScalar]:
@@ -228,8 +225,8 @@ def _named(name: str, scalars: Mapping[str, ObservedScalar], option: str) -> lis
     return chosen
 
 
-def _stated_error(stated: str, scalar: ObservedScalar, text: str) -> float:
-    number, share = stated.removesuffix("%"), stated.endswith("%")
+def _read_error(written: str, scalar: ObservedScalar, text: str) -> float:
+    number, share = written.removesuffix("%"), written.endswith("%")
     try:
         error = float(number) * (abs(scalar.value) / 100.0 if share else 1.0)
     except ValueError:

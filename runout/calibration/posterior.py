@@ -154,8 +154,8 @@ class Posterior:
         """Points (count, parameters) that stand for the posterior: the centres of clusters of its sample."""
         with of_extra("scikit-learn"):
             from sklearn.cluster import KMeans
-        found = KMeans(count, n_init=1, random_state=0).fit(self.points)
-        return np.asarray(found.cluster_centers_).clip(0.0, 1.0)
+        clusters = KMeans(count, n_init=1, random_state=0).fit(self.points)
+        return np.asarray(clusters.cluster_centers_).clip(0.0, 1.0)
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Mean, standard deviation, percentiles and narrowing of each parameter."""
@@ -218,8 +218,8 @@ def sampled_posterior(likelihood: Likelihood, seed: int = 0, most_steps: int = M
             converged = sampler.iteration >= LENGTHS * time
     discarded = sampler.iteration // 4
     chain = sampler.get_chain(discard=discarded, flat=True)
-    kept = chain[np.linspace(0, len(chain) - 1, min(KEPT, len(chain))).round().astype(int)]
-    return Posterior(likelihood.prior, kept, min(len(kept), len(chain) / max(time, 1.0)), bool(converged))
+    sample = chain[np.linspace(0, len(chain) - 1, min(KEPT, len(chain))).round().astype(int)]
+    return Posterior(likelihood.prior, sample, min(len(sample), len(chain) / max(time, 1.0)), bool(converged))
 
 
 def _starts(likelihood: Likelihood, count: int, state: np.random.RandomState) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.ensemble.design import quantiles
+from runout.ensemble.design import quantiles, triangular, truncated_normal
 from runout.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -85,22 +85,6 @@ def _uniform(distribution: Any, values: np.ndarray) -> np.ndarray:
     return (values - distribution.low) / (distribution.high - distribution.low)
 
 
-def _normal(distribution: Any, values: np.ndarray) -> np.ndarray:
-    from scipy.stats import truncnorm
-
-    mean, deviation = distribution.mean, distribution.standard_deviation
-    low = -np.inf if distribution.low is None else (distribution.low - mean) / deviation
-    high = np.inf if distribution.high is None else (distribution.high - mean) / deviation
-    return truncnorm.cdf(values, low, high, loc=mean, scale=deviation)
-
-
-def _triangular(distribution: Any, values: np.ndarray) -> np.ndarray:
-    from scipy.stats import triang
-
-    low, width = distribution.low, distribution.high - distribution.low
-    return triang.cdf(values, (distribution.mode - low) / width, loc=low, scale=width)
-
-
 def _discrete(distribution: Any, values: np.ndarray) -> np.ndarray:
     """Middle of the step of each value; the steps are in the order of the list, as in the table of members."""
     shares = np.asarray(distribution.frequencies, np.float64) / np.sum(distribution.frequencies)
@@ -111,7 +95,7 @@ def _discrete(distribution: Any, values: np.ndarray) -> np.ndarray:
 
 BELOW: Mapping[str, Callable[[Any, np.ndarray], np.ndarray]] = {
     "uniform": _uniform,
-    "normal": _normal,
-    "triangular": _triangular,
+    "normal": lambda distribution, values: truncated_normal(distribution).cdf(values),
+    "triangular": lambda distribution, values: triangular(distribution).cdf(values),
     "discrete": _discrete,
 }

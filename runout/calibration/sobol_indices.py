@@ -104,5 +104,5 @@ def _analysed(values: np.ndarray, prior: Prior) -> tuple[np.ndarray, np.ndarray]
     """First-order and total indices (parameters,) of values at Saltelli's sample."""
     with of_extra("SALib"):
         from SALib.analyze import sobol
-    found = sobol.analyze(_problem(prior), values, calc_second_order=False, num_resamples=2, seed=0)
-    return np.clip(found["S1"], 0.0, 1.0), np.clip(found["ST"], 0.0, 1.0)
+    indices = sobol.analyze(_problem(prior), values, calc_second_order=False, num_resamples=2, seed=0)
+    return np.clip(indices["S1"], 0.0, 1.0), np.clip(indices["ST"], 0.0, 1.0)

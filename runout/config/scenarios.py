@@ -107,11 +107,9 @@ class ScenarioSettings(Settings):
 
     @model_validator(mode="after")
     def _one_rate(self) -> "ScenarioSettings":
-        stated = [key for key in RATES if getattr(self, key) is not None]
-        if len(stated) != 1:
-            raise refuse(
-                f"{' and '.join(stated)} are both given" if stated else "no rate is given", f"give one of {', '.join(RATES)}"
-            )
+        keys = [key for key in RATES if getattr(self, key) is not None]
+        if len(keys) != 1:
+            raise refuse(f"{' and '.join(keys)} are both given" if keys else "no rate is given", f"give one of {', '.join(RATES)}")
         return self
 
 
@@ -199,16 +197,16 @@ def _high(law: PowerLaw) -> float:
 def volume_conflicts(scenario: ScenarioSettings, common: Mapping[str, Any], volumes: Mapping[str, float]) -> Iterator[str]:
     """Sentence if the members of a class of volumes have other ones; ``volumes`` [m3] of the releases by name, of factor 1."""
     law = scenario.power_law
-    stated = sum(volume for name, volume in volumes.items() if not scenario.releases or name in scenario.releases)
-    if law is None or stated == 0.0:
+    released = sum(volume for name, volume in volumes.items() if not scenario.releases or name in scenario.releases)
+    if law is None or released == 0.0:
         return
     factor = {**common, **scenario.parameters}.get("release_volume_factor")
-    low, high = (stated * end for end in (factor.support() if factor else (1.0, 1.0)))
+    low, high = (released * end for end in (factor.support() if factor else (1.0, 1.0)))
     if low < 0.999 * law.low or high > 1.001 * _high(law):
         yield (
             f"ensemble.scenarios, {scenario.name}: its members have {low:.4g} to {high:.4g} m3, but its rate is that of "
-            f"{law.low:.4g} to {_high(law):.4g} m3; sample release_volume_factor from {law.low / stated:.3g} to "
-            f"{_high(law) / stated:.3g}, or change the class"
+            f"{law.low:.4g} to {_high(law):.4g} m3; sample release_volume_factor from {law.low / released:.3g} to "
+            f"{_high(law) / released:.3g}, or change the class"
         )
 
 

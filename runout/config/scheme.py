@@ -60,11 +60,11 @@ class _Criterion(Settings):
 
     @model_validator(mode="after")
     def _one_kind(self) -> "_Criterion":
-        stated = list(self.model_dump(exclude_none=True))
-        if not stated:
+        keys = list(self.model_dump(exclude_none=True))
+        if not keys:
             raise refuse("a criterion without thresholds", f"write reached: true, or thresholds of {', '.join(ALL_QUANTITIES)}")
-        if len(stated) > 1 and (self.reached or self.house_strength):
-            raise refuse(f"{stated[0]} stands alone in a criterion", "write the others as criteria of their own")
+        if len(keys) > 1 and (self.reached or self.house_strength):
+            raise refuse(f"{keys[0]} stands alone in a criterion", "write the others as criteria of their own")
         return self
 
     @property
@@ -247,7 +247,7 @@ def read_scheme(stated: str, folder: Path = FOLDER) -> DangerScheme:
     elif not problems:
         try:
             scheme = DangerScheme.model_validate(document.values)
-            problems += [document.problem(*found) for found in _contradictions(scheme)]
+            problems += [document.problem(*contradiction) for contradiction in _contradictions(scheme)]
         except ValidationError as error:
             problems += problems_of(error, document, DangerScheme)
     if problems or scheme is None:

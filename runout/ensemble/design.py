@@ -116,7 +116,8 @@ def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
 
 def _of_scenarios(ensemble: Any) -> Design:
     """Members of one scenario after the other; a scenario with more members keeps the first ones."""
-    rates, total = scenario_rates(ensemble.scenarios), math.fsum(scenario_rates(ensemble.scenarios))
+    rates = scenario_rates(ensemble.scenarios)
+    total = math.fsum(rates)
     sources = list(dict.fromkeys(name for one in ensemble.scenarios for name in one.releases or ()))
     blocks, weights, of_members, names, seeds = [], [], [], [], []
     for scenario, rate in zip(ensemble.scenarios, rates, strict=True):
@@ -212,21 +213,22 @@ def _uniform(distribution: Any, probability: np.ndarray) -> np.ndarray:
     return distribution.low + (distribution.high - distribution.low) * probability
 
 
-def _normal(distribution: Any, probability: np.ndarray) -> np.ndarray:
-    """Quantiles of a normal distribution, truncated at the bounds if there are any."""
+def truncated_normal(distribution: Any) -> Any:
+    """Normal distribution of scipy, truncated at the bounds if there are any."""
     from scipy.stats import truncnorm
 
     mean, deviation = distribution.mean, distribution.standard_deviation
     low = -np.inf if distribution.low is None else (distribution.low - mean) / deviation
     high = np.inf if distribution.high is None else (distribution.high - mean) / deviation
-    return truncnorm.ppf(probability, low, high, loc=mean, scale=deviation)
+    return truncnorm(low, high, loc=mean, scale=deviation)
 
 
-def _triangular(distribution: Any, probability: np.ndarray) -> np.ndarray:
+def triangular(distribution: Any) -> Any:
+    """Triangular distribution of scipy."""
     from scipy.stats import triang
 
     low, width = distribution.low, distribution.high - distribution.low
-    return triang.ppf(probability, (distribution.mode - low) / width, loc=low, scale=width)
+    return triang((distribution.mode - low) / width, loc=low, scale=width)
 
 
 def _discrete(distribution: Any, probability: np.ndarray) -> np.ndarray:
@@ -237,7 +239,7 @@ def _discrete(distribution: Any, probability: np.ndarray) -> np.ndarray:
 
 INVERSE: Mapping[str, Callable[[Any, np.ndarray], np.ndarray]] = {
     "uniform": _uniform,
-    "normal": _normal,
-    "triangular": _triangular,
+    "normal": lambda distribution, probability: truncated_normal(distribution).ppf(probability),
+    "triangular": lambda distribution, probability: triangular(distribution).ppf(probability),
     "discrete": _discrete,
 }

@@ -121,15 +121,15 @@ def at_return_period(values: np.ndarray, rate: np.ndarray, years: float) -> np.n
         Return period [a].
     """
     cells = values.reshape(len(values), -1)
-    found = np.full(cells.shape[1], np.nan, values.dtype)
+    at_period = np.full(cells.shape[1], np.nan, values.dtype)
     for part in _parts(*cells.shape):
         falling = np.argsort(-cells[:, part], axis=0, kind="stable")  # NaN last
         ordered = np.take_along_axis(cells[:, part], falling, axis=0)
         frequent = np.cumsum(rate[falling], axis=0) >= (1.0 - ROUNDING) / years
         value = np.take_along_axis(ordered, frequent.argmax(axis=0)[None], axis=0)[0]
         known = frequent.any(axis=0) & (value > 0) & ~np.isnan(cells[:, part]).any(axis=0)
-        found[part] = np.where(known, value, np.nan)
-    return found.reshape(values.shape[1:])
+        at_period[part] = np.where(known, value, np.nan)
+    return at_period.reshape(values.shape[1:])
 
 
 def _parts(members: int, cells: int) -> Iterator[slice]:

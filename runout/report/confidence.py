@@ -59,16 +59,16 @@ def parts(study: Study, settings: Mapping[str, Any]) -> list[Part]:
     return [_of_parameters(study, spread), _of_grid(study, settings), _of_members(study, spread, members)]
 
 
-def statement(found: list[Part], study: Study) -> str:
-    """The first sentence of a report: what is open of the run-out, which source decides, and what would reduce it."""
-    if not found:
+def statement(sources: list[Part], study: Study) -> str:
+    """The first sentence of a report: how uncertain the run-out is, which source decides, and what would reduce it."""
+    if not sources:
         return ""
     median = _median(np.asarray(study.valid["runout_distance"], float), np.asarray(study.valid["weight"], float))
-    known = sorted((part for part in found if part.share is not None), key=lambda part: -float(part.share or 0.0))
+    known = sorted((part for part in sources if part.share is not None), key=lambda part: -float(part.share or 0.0))
     if not known:
-        return f"The median run-out is {quantity(median, 'm')}; how sure it is, is not known: {found[0].basis}."
+        return f"The median run-out is {quantity(median, 'm')}; its error is not known: {sources[0].basis}."
     bars = ", ".join(f"± {percent(float(part.share or 0.0))} through {part.source}" for part in known)
-    unknown = [part.source for part in found if part.share is None]
+    unknown = [part.source for part in sources if part.share is None]
     more = f" (not known: {' and '.join(unknown)})" if unknown else ""
     first = known[0]
     decides = f"{first.source} decide{'' if first.source == PARAMETERS else 's'}"

@@ -82,8 +82,8 @@ class Runner:
         """Members of a design with a result, after running those that have none; failed ones are named in the log."""
         members = plan_members(site, design)
         planned = range(min(len(members), site.settings.ensemble.members))
-        left = list(planned) if any(not member.file(results).is_file() for member in members) else []
-        workers = require_budget(site, left, workers=self.workers)
+        remaining = list(planned) if any(not member.file(results).is_file() for member in members) else []
+        workers = require_budget(site, remaining, workers=self.workers)
         with log.progress("members") as bar:
             report = run_ensemble(
                 site, results, workers=workers, threads=self.threads, retry_failed=self.retry_failed, design=design,
@@ -109,7 +109,7 @@ class Event:
         Runs so far.
     modelled : list of dict of str to float
         Scalars of each.
-    left : dict of str to str
+    left_out : dict of str to str
         Scalars that do not count, and why.
     """
 
@@ -120,7 +120,7 @@ class Event:
     scalars: list[ObservedScalar]
     members: "list[Member]" = field(default_factory=list)
     modelled: list[Scalars] = field(default_factory=list)
-    left: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, site: "Site", choices: CalibrationChoices) -> "Event":
@@ -170,17 +170,17 @@ class Event:
         """
         chosen: list[ObservedScalar] = []
         emulators: list[Emulator] = []
-        self.left.clear()
+        self.left_out.clear()
         for one in self.scalars:
             values = np.array([scalars.get(one.name, np.nan) for scalars in self.modelled])
             emulator = Emulator.fit(self.points, values) if np.isfinite(values).all() and varies(values) else None
             if reason := _why_left_out(one, values, emulator):
-                self.left[one.name] = reason
+                self.left_out[one.name] = reason
             elif emulator is not None:
                 chosen.append(one)
                 emulators.append(emulator)
         if not chosen:
-            raise InputError("\n".join(f"{name}: {reason}" for name, reason in self.left.items()))
+            raise InputError("\n".join(f"{name}: {reason}" for name, reason in self.left_out.items()))
         observed, errors = (np.array([getattr(one, part) for one in chosen]) for part in ("value", "error"))
         return Likelihood(self.prior, tuple(emulators), observed, errors), chosen
 
@@ -325,7 +325,7 @@ def _record(
         "members": len(event.members),
         "choices": asdict(choices),
         "observations": _compared(scalars, mean.mean(axis=0), spread, [one.q2 for one in likelihood.emulators]),
-        "left_out_of_the_likelihood": dict(event.left),
+        "left_out_of_the_likelihood": dict(event.left_out),
         "parameters": posterior.summary(),
         "correlation": posterior.correlation.tolist(),
         "principal_axes": {"standard_deviation_over_prior": deviations.tolist(), "axes": axes.tolist()},

@@ -47,17 +47,17 @@ def run(site_path: Path, out: Path | None = None) -> int:
     for warning in _warnings(scalars.pop("escaped_fraction")):
         LOGGER.warning("%s", warning)
     points = prior.coordinates(np.array([[member.parameters[name] for name in prior.names] for member in members]))
-    found, refused = analysed(scalars, points, prior)
-    if not found:
+    indices, refused = analysed(scalars, points, prior)
+    if not indices:
         raise InputError("\n".join(f"{title(name)}: {reason}" for name, reason in refused.items()))
     record = {
         "members": [member.file(study.results).name for member in members],
-        "quantities": {name: {"title": title(name), "held_out_q2": q2, **one.stored()} for name, (one, q2) in found.items()},
+        "quantities": {name: {"title": title(name), "held_out_q2": q2, **one.stored()} for name, (one, q2) in indices.items()},
         "refused": {title(name): reason for name, reason in refused.items()},
     }
     for line in lines(record):
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
-    for path in _write(study.results / FOLDER, record, {title(name): one for name, (one, _) in found.items()}):
+    for path in _write(study.results / FOLDER, record, {title(name): one for name, (one, _) in indices.items()}):
         LOGGER.info("wrote %s", path)
     return ExitCode.OK
 
@@ -69,14 +69,14 @@ def analysed(
 
     ``points`` (members, parameters) lie in the cube of the prior.
     """
-    found, refused = {}, {}
+    indices, refused = {}, {}
     for name, values in scalars.items():
         emulator = Emulator.fit(points, values) if len(values) >= FEWEST and varies(values) else None
         if reason := why_refused(len(values), values, emulator):
             refused[name] = reason
         elif emulator is not None:
-            found[name] = sobol_indices(emulator, prior), emulator.q2
-    return found, refused
+            indices[name] = sobol_indices(emulator, prior), emulator.q2
+    return indices, refused
 
 
 def finished_members(study: Study) -> "list[Member]":
