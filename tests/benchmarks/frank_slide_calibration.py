@@ -2,8 +2,9 @@
 
     .venv/bin/python -m tests.benchmarks.frank_slide_calibration --out DIR
 
-The observations are the outline of 1 m and the last deposit of a run of SHALTOP. `runout calibrate` samples the basal friction angle
-from 10 to 25 degrees on cells of 40 m, and takes off the error of the grid by pairs. It writes `calibration_frank_slide.json`.
+The observations are the outline of 1 m and the last deposit of a run of SHALTOP. `runout calibrate` samples the basal friction
+angle from 10 to 25 degrees on cells of 40 m, and takes off the error of the grid by pairs. The script writes
+`calibration_frank_slide.json`.
 """
 
 import argparse

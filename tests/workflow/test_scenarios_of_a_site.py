@@ -1,5 +1,9 @@
 """A site of three classes of volume and two sources, from site.yaml to annual maps; every number is compared with the members."""
 
+import os
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
 import ramp_site
@@ -9,6 +13,7 @@ from runout.ensemble.member import plan_members
 from runout.io import netcdf
 from runout.workflow.hazard_map import run
 
+ROOT = Path(__file__).parents[2]
 RELEASES = """\
   - {name: upper, raster: inputs/thickness.tif, placement: on_surface}
   - {name: side, raster: inputs/side.tif, placement: on_surface}
@@ -67,6 +72,19 @@ def test_members_are_events_for_climada(site):
     assert members["annual_rate"].dims == members["scenario"].dims == ("realization",)
     assert len(set(members["realization"].values.tolist())) == members.sizes["realization"]
     assert members["crs"].attrs["crs_wkt"]
+
+
+@pytest.mark.skipif("RUNOUT_CLIMADA" not in os.environ, reason="RUNOUT_CLIMADA names no Python that has the package climada")
+def test_climada_reads_the_members_as_the_guide_says(site, tmp_path):
+    """With the package itself, in an environment of its own: its GDAL and that of runout do not go together in one process."""
+    guide = (ROOT / "docs" / "guide" / "outputs.md").read_text(encoding="utf-8").split("## In CLIMADA")[1]
+    example = guide.split("```python")[1].split("```")[0]
+    saved = f"import numpy\nnumpy.savez({str(tmp_path / 'read.npz')!r}, hazard.intensity.toarray(), hazard.frequency)\n"
+    subprocess.run([os.environ["RUNOUT_CLIMADA"], "-c", example + saved], cwd=site, check=True, env={"PATH": os.environ["PATH"]})
+    read, members = np.load(tmp_path / "read.npz"), netcdf.read(site / "results" / "members.nc")
+    largest = members["max_flow_thickness"].fillna(0.0).values
+    np.testing.assert_array_equal(read["arr_0"], largest.reshape(len(largest), -1))
+    np.testing.assert_allclose(read["arr_1"], members["annual_rate"])
 
 
 def test_annual_maps_are_those_of_the_members(site):
