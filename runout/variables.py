@@ -116,6 +116,9 @@ _TERRAIN_MAPS = {
 }
 
 
+GRID_ERROR = "of the grid alone, from a second grid of larger cells: a bar that holds 9 of 10 cells"
+
+
 def _exceedance(name: str, condition: str, cells: str) -> dict[str, Variable]:
     """Probability that a condition holds and its standard errors; ``cells`` says which ones count for the mean error."""
     return {
@@ -129,6 +132,13 @@ def _exceedance(name: str, condition: str, cells: str) -> dict[str, Variable]:
             valid_max=1.0,
             comment="sampling error alone; the attribute estimator has its formula. Of blocks: three degrees of freedom in a cell; "
             "0 where all blocks agree",
+        ),
+        f"{name}_exceedance_numerical_error": Variable(
+            "1",
+            f"numerical error of the conditional probability that {condition}",
+            valid_min=0.0,
+            valid_max=1.0,
+            comment=GRID_ERROR,
         ),
         f"{name}_exceedance_rms_error": Variable(
             "1",
@@ -157,7 +167,15 @@ def _over_members(q: MapQuantity) -> dict[str, Variable]:
         found[q.percentile] = _positive(q.units, f"percentile over the members of the {q.extreme}")
     found[q.peak] = _positive(q.units, f"largest {q.words} of any member")
     if q.mean:
-        found[q.mean] = _positive(q.units, f"weighted mean over the members of the {q.extreme}")
+        mean = f"mean over the members of the {q.extreme}"
+        found[q.mean] = _positive(q.units, f"weighted {mean}")
+        found[q.deviation] = _positive(
+            q.units, f"standard deviation over the members of the {q.extreme}", "what the sampled parameters leave open; by weight"
+        )
+        found[q.standard_error] = _positive(
+            q.units, f"standard error of the {mean}", "what the number of members leaves open; estimated as that of probabilities"
+        )
+        found[q.numerical_error] = _positive(q.units, f"numerical error of the {mean}", GRID_ERROR)
     found |= _annual(q.name, f"the {q.extreme} reaches or exceeds the threshold")
     if q.at_return_period:
         comment = "largest value that is reached at an annual rate of 1 / return period; missing where the flow arrives less often"
@@ -200,6 +218,13 @@ _BOUNDARY = {
         "m", "standard deviation over the members of the distance to the boundary of the flow",
         "by weight; only where 5 % to 95 % of the weight arrives; the position of the boundary varies by that",
     ),
+}  # fmt: skip
+
+_DECIDING = {
+    "deciding_error": Variable(
+        "1", "largest of three errors of the mean over the members of the maximum flow thickness", dtype="uint8",
+        comment="each as a bar that holds 9 of 10 cases; 0: no member arrives",
+    )
 }  # fmt: skip
 
 _DANGER = {
@@ -424,10 +449,11 @@ VARIABLES: dict[str, Variable] = {
     **_MEMBER_MAPS,
     **_of("referenceInformation", _TERRAIN_MAPS),
     **_HAZARD_MAPS,
-    **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
+    **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith("_error")}),
     **_OBSERVED,
     **_OF_A_BED,
     **_DANGER,
+    **_DECIDING,
     **_BOUNDARY,
     **_SLOPES,
     **_DIFFERENCES,

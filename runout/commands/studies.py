@@ -51,26 +51,37 @@ def verify(
     precision: Annotated[str | None, Parameter(help="float32 or float64, of the sliding box.")] = None,
     settled: Annotated[bool | None, Parameter(help="Whether the sliding box starts from balanced stresses.")] = None,
     convergence: Annotated[bool, Parameter(negative="", help="Of a site instead: the numerical error of its maps.")] = False,
+    second_grid: Annotated[
+        bool, Parameter(negative="", help="Of a site instead: maps of the numerical error, from all members on coarser cells.")
+    ] = False,
     device: Device = None,
     session: Injected,
 ) -> int:
     """Check the scheme against closed forms and its orders of convergence; --out DIR writes a record.
 
-    `runout verify SITE --convergence` finds the numerical error of the maps of a site, from runs on several grids.
+    `runout verify SITE --convergence` finds the numerical error of run-out, areas and maps of a site, from runs on several grids;
+    `runout verify SITE --second-grid` finds that of each cell, and adds it to the maps of the site.
     """
-    if convergence:
-        return _convergence(cases, session.out, device)
+    if convergence and second_grid:
+        raise ConfigError("--convergence and --second-grid are two studies; give one of them, then the other")
+    if convergence or second_grid:
+        return _of_site(cases, session.out, device, second_grid)
     from runout.studies.verification import command
 
     plane = {"slope": slope, "azimuth": azimuth, "offset": offset, "precision": precision, "settled": settled}
     return command(cases, full, session.out, json, {name: value for name, value in plane.items() if value is not None})
 
 
-def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> int:
+def _of_site(sites: Sequence[str], out: Path | None, device: str | None, second_grid: bool) -> int:
+    option = "--second-grid" if second_grid else "--convergence"
+    if len(sites) != 1:
+        raise ConfigError(f"{option} takes one site, {len(sites)} are given; say `runout verify SITE {option}`")
+    if second_grid:
+        from runout.workflow.hazard_map import run_second_grid
+
+        return run_second_grid(Path(sites[0]), out, device).exit_code
     from runout.studies.convergence import command
 
-    if len(sites) != 1:
-        raise ConfigError(f"--convergence takes one site, {len(sites)} are given; say `runout verify SITE --convergence`")
     return command(Path(sites[0]), out, device)
 
 

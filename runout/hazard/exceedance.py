@@ -255,17 +255,27 @@ class _Maps:
         limits = self.limits[quantity.name]
         spread = self.estimator.spread(unsorted, members, len(self.weights), limits)
         self._put_annual(tile, quantity, unsorted, members)
+        if quantity.mean:
+            self._put_mean(tile, quantity, unsorted, members)
         values = CellValues(unsorted, members, self.weights)
         if quantity.percentile:
             self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
-        if quantity.mean:
-            self._put(tile, quantity.mean, values.mean)
         for k, limit in enumerate(limits):
             p = self._put_exceedance(tile, quantity.name, k, values, limit, None if spread is None else spread[k])
             if quantity.name == "thickness" and k == 0:
                 self._put(tile, "inundation_probability", p)
                 self._put(tile, "members_reached", np.where(values.peak > 0, values.count(limit), 0))
         self._put(tile, quantity.peak, np.where(np.isnan(self._cells(tile, quantity.peak)), np.nan, values.peak))
+
+    def _put_mean(self, tile: int, quantity: MapQuantity, unsorted: np.ndarray, members: np.ndarray) -> None:
+        """Mean over the members, their standard deviation, and the standard error of the mean."""
+        error = self.estimator.of_mean(unsorted, members, len(self.weights))
+        values = CellValues(unsorted.astype(np.float64), members, self.weights)
+        deviation = values.deviation
+        if error is None:
+            error = deviation / np.sqrt(effective_sample_size(self.weights))
+        for name, cells in ((quantity.mean, values.mean), (quantity.deviation, deviation), (quantity.standard_error, error)):
+            self._put(tile, name, cells)
 
     def _put_annual(self, tile: int, quantity: MapQuantity, unsorted: np.ndarray, members: np.ndarray) -> None:
         """Annual rates of exceedance and values at return periods; members that have no values here do not count."""
@@ -334,7 +344,7 @@ class _Maps:
         for name, quantity in self.quantities.items():
             of_some = ("inundation_probability", "members_reached") if name == "thickness" else ()
             annual = quantity.annual_exceedance, quantity.at_return_period
-            for product in (*map(quantity.exceedance, _KINDS), quantity.percentile, quantity.mean, *annual, *of_some):
+            for product in (*map(quantity.exceedance, _KINDS), quantity.percentile, *quantity.means, *annual, *of_some):
                 self._undefine(product, undefined[name])
             if quantity.part_of:
                 self._undefine(f"{quantity.part_of}_percentile", undefined[name])
@@ -387,7 +397,7 @@ def empty_maps(
     dimensions = {"joint": "joint"} if joint else {}
     dataset = with_conditions(dataset, joint) if joint else dataset
     for name, quantity in quantities.items():
-        for product in filter(None, (quantity.peak, quantity.mean)):
+        for product in filter(None, (quantity.peak, *quantity.means)):
             netcdf.add_map(dataset, product, zeros_by_page(shape, np.float32))
         limits = np.unique(np.asarray(thresholds.get(name, ()), np.float64))
         if limits.size:

@@ -11,6 +11,7 @@ from runout.hazard.bed_maps import BED_MEANS, CHANGES
 from runout.hazard.boundary import DEVIATION, MEAN
 from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of, label
 from runout.hazard.joint import conditions_of
+from runout.hazard.second_grid import DECIDING, SOURCES
 from runout.hazard.style import class_edges, palette, qml
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
@@ -54,7 +55,8 @@ _JOINT = rf"(_({'|'.join(ALL_QUANTITIES)}){_VALUE})+"
 OWN_MAP = re.compile(rf"({'|'.join(VARIABLES)})((_over)?({_VALUE})?|{_JOINT})\.(tif|qml|tif\.aux\.xml)")  # names of map_layers
 BED_SUMMARIES = (*(name for q in BED_QUANTITIES.values() for name in (q.mean, q.peak) if name), *BED_MEANS)
 PERCENTILES = (*(q.percentile for q in ALL_QUANTITIES.values() if q.percentile), CHANGE_PERCENTILE, ARRIVAL_PERCENTILE)
-_KINDS = ("probability", "standard_error")
+CELL_ERRORS = (*(name for q in QUANTITIES.values() if q.has_mean for name in (*q.means, q.numerical_error)), DECIDING)
+_KINDS = ("probability", "standard_error", "numerical_error")
 JOINT_KINDS = (*(f"exceedance_{kind}" for kind in _KINDS), "annual_exceedance")
 
 
@@ -62,11 +64,11 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS, *BOUNDARY_MAPS)):
+    for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS, *BOUNDARY_MAPS, *CELL_ERRORS)):
         if name in hazard:
             yield name, name, {}
     for quantity in ALL_QUANTITIES.values():
-        for name in map(quantity.exceedance, _KINDS):
+        for name in (name for name in map(quantity.exceedance, _KINDS) if name in hazard):
             for value in hazard[quantity.threshold].values if quantity.threshold in hazard.coords else ():
                 yield f"{name}_over_{_stem(quantity, value)}", name, {quantity.threshold: float(value)}
         for value in hazard[quantity.threshold].values if quantity.annual_exceedance in hazard else ():
@@ -107,6 +109,8 @@ def write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
 
 
 def _style(hazard: "xr.Dataset", name: str) -> str:
+    if name == DECIDING:
+        return palette([(number, colour, words) for number, (words, colour) in enumerate(SOURCES, 1)])
     if name in (INTENSITY, LEVEL):
         return palette([(entry["number"], entry["colour"], label(entry)) for entry in entries_of(hazard, name)])
     units, divisor = VARIABLES[name].printed

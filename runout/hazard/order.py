@@ -90,6 +90,16 @@ class CellValues:
         """Weighted means (cells,)."""
         return self._weight_of(self.values)
 
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard deviation (cells,) that the members have, with Bessel's correction for weights; NaN of a single member."""
+        members = effective_sample_size(self.weights)
+        if members <= 1.0:
+            return np.full(len(self.values), np.nan)
+        variance = self._weight_of(np.square(self.values)) - self.mean**2
+        deviation: np.ndarray = np.sqrt(np.maximum(variance, 0.0) * members / (members - 1.0))
+        return deviation
+
     def percentiles(self, percentiles: Sequence[float] | np.ndarray) -> np.ndarray:
         """Percentiles (k, cells) as :func:`weighted_percentiles` has them."""
         if not self.alike:

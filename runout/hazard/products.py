@@ -12,7 +12,7 @@ from runout.config.hazard import RETURN_PERIODS
 from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
 from runout.errors import ConfigError, PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
-from runout.hazard import writers
+from runout.hazard import second_grid, writers
 from runout.hazard.bed_maps import BedMaps
 from runout.hazard.boundary import BoundaryMaps
 from runout.hazard.danger import DangerClasses
@@ -97,6 +97,7 @@ def write_products(
     hazard, of_members = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
     origin |= {name: values for name, values in of_members.items() if values}
     origin |= _relief(hazard, terrain, origin)
+    _add_second_grid(hazard, site, ensemble, results, _spacing(origin))
     observed = site.files.observations().require()
     if observed is not None:
         origin["observations"] = _score(observed, site, ensemble, terrain, releases, results, hazard)
@@ -139,6 +140,17 @@ def _write_members(
     return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
 
 
+def _add_second_grid(hazard: "xr.Dataset", site: "Site", ensemble: Ensemble, results: Path, spacing: tuple[float, float]) -> None:
+    """Put in the numerical errors, if all valid members ran on the second grid as well; ``spacing`` of the first is east, north."""
+    second = second_grid.of_members(ensemble, results, site)
+    if second is None:
+        return
+    maps = aggregate(
+        list(second.files.values()), second.weights, _thresholds(site), [50.0], joint=stated_conditions(site.settings.hazard)
+    )
+    second_grid.add_errors(hazard, maps, (second_grid.RATIO * spacing[1], second_grid.RATIO * spacing[0]))
+
+
 def _relief(hazard: "xr.Dataset", terrain: Terrain, origin: Mapping[str, Any]) -> dict[str, Any]:
     """Entry of ``run.json`` on the relief of the ground that members reached, at their largest speeds there."""
     reached = hazard["members_reached"].values > 0
@@ -177,13 +189,12 @@ def hazard_dataset(
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
     estimator = Estimator.of(ensemble.table, ensemble.files)
-    thresholds = stated_thresholds(settings, bed=getattr(site.settings, "bed", None) is not None)
     joint = stated_conditions(settings)
     frequencies = ensemble.frequencies
     over_members = aggregate(
         files,
         ensemble.weights,
-        thresholds,
+        _thresholds(site),
         settings.percentiles,
         joint=joint,
         estimator=estimator,
@@ -196,6 +207,10 @@ def hazard_dataset(
     if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
         raise StorageError(f"{files[0]}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
     return dataset.merge(over_members, join="exact", compat="override", combine_attrs="override").assign(ensemble.counts())
+
+
+def _thresholds(site: "Site") -> dict[str, list[float]]:
+    return stated_thresholds(site.settings.hazard, bed=getattr(site.settings, "bed", None) is not None)
 
 
 def _return_periods(settings: Any, frequencies: Frequencies | None) -> Sequence[float]:

@@ -74,14 +74,21 @@ class Estimator:
         """
         if not self.blocks:
             return None
-        size = ensemble_size // self.blocks
-        ends = np.searchsorted(members, size * np.arange(self.blocks + 1))
         errors = np.zeros((len(limits), len(values)))
         for k, limit in enumerate(limits):
             if limit > 0:  # else all members reach it
-                of_block = [(values[:, a:b] >= limit).sum(axis=1) / size for a, b in pairwise(ends)]
-                errors[k] = np.std(of_block, axis=0, ddof=1) / np.sqrt(self.blocks)
+                errors[k] = self.of_mean(values >= limit, members, ensemble_size)
         return errors
+
+    def of_mean(self, values: np.ndarray, members: np.ndarray, ensemble_size: int) -> np.ndarray | None:
+        """Standard error (cells,) of the mean over the members from blocks; parameters and None as of :meth:`spread`."""
+        if not self.blocks:
+            return None
+        size = ensemble_size // self.blocks
+        ends = np.searchsorted(members, size * np.arange(self.blocks + 1))
+        of_block = [values[:, a:b].sum(axis=1, dtype=np.float64) / size for a, b in pairwise(ends)]
+        error: np.ndarray = np.std(of_block, axis=0, ddof=1) / np.sqrt(self.blocks)
+        return error
 
 
 @dataclass(frozen=True)
@@ -138,21 +145,22 @@ class Strata:
 
     def spread(self, values: np.ndarray, members: np.ndarray, ensemble_size: int, limits: np.ndarray) -> np.ndarray:
         """Standard errors (limits, cells); parameters as those of :meth:`Estimator.spread`."""
-        variance = np.zeros((len(limits), len(values)))
+        errors = [self.of_mean(values >= limit, members, ensemble_size) for limit in limits]
+        return np.array(errors).reshape(len(limits), len(values))
+
+    def of_mean(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
+        """Standard error (cells,) of the mean over the members; parameters as those of :meth:`Estimator.spread`."""
+        variance = np.zeros(len(values))
         for place, blocks in zip(self.places, self.blocks, strict=True):
             columns = np.flatnonzero(np.isin(members, place))
-            weights, share = self.weights[members[columns]], self.weights[place].sum()
-            within = np.searchsorted(place, members[columns])  # places within the scenario
-            for k, limit in enumerate(limits):
-                reached = values[:, columns] >= limit
-                if blocks:
-                    estimator, own = Estimator(blocks, ""), reached.astype(np.float32)
-                    errors = estimator.spread(own, within, len(place), np.ones(1, np.float32))
-                    variance[k] += share**2 * errors[0] ** 2  # type: ignore[index]
-                else:
-                    p = reached @ weights / share
-                    variance[k] += p * (1.0 - p) * np.square(self.weights[place]).sum()
-        return np.sqrt(np.maximum(variance, 0.0))  # type: ignore[no-any-return]
+            own, weights, share = values[:, columns], self.weights[members[columns]], self.weights[place].sum()
+            if blocks:
+                within = np.searchsorted(place, members[columns])  # places within the scenario
+                variance += share**2 * np.square(Estimator(blocks, "").of_mean(own, within, len(place)))  # type: ignore[arg-type]
+            else:
+                mean, square = own @ weights / share, np.square(own, dtype=np.float64) @ weights / share
+                variance += np.maximum(square - mean**2, 0.0) * np.square(self.weights[place]).sum()
+        return np.sqrt(variance)  # type: ignore[no-any-return]
 
 
 def _has_net(attributes: Mapping[Any, Any], weights: np.ndarray, planned: int) -> bool:

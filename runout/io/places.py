@@ -12,7 +12,9 @@ from runout.processes.owner import fault_of_owner
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"
 RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
+SECOND_GRID = "second_grid"  # folder in the results with the same members on larger cells
 RESULT_FOLDERS = (
+    SECOND_GRID,
     *("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes"),
     *("sensitivity", "calibration", ".locks"),
 )

@@ -115,6 +115,26 @@ class MapQuantity:
         return f"mean_{self.stem}" if self.has_mean else ""
 
     @property
+    def deviation(self) -> str:
+        """Name of the standard deviation over the members; empty if there is no mean."""
+        return f"{self.stem}_deviation" if self.has_mean else ""
+
+    @property
+    def standard_error(self) -> str:
+        """Name of the sampling error of the mean; empty if there is no mean."""
+        return f"{self.stem}_standard_error" if self.has_mean else ""
+
+    @property
+    def means(self) -> tuple[str, ...]:
+        """Names of the mean, its standard deviation and its sampling error; empty if there are none."""
+        return (self.mean, self.deviation, self.standard_error) if self.has_mean else ()
+
+    @property
+    def numerical_error(self) -> str:
+        """Name of the numerical error of the mean, known from a second grid; empty if there is no mean."""
+        return f"{self.stem}_numerical_error" if self.has_mean else ""
+
+    @property
     def annual_exceedance(self) -> str:
         """Name of the annual rate at which the thresholds are reached."""
         return f"{self.name}_annual_exceedance"

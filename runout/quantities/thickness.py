@@ -12,5 +12,5 @@ def flow_thickness(depth: Any, speed: Any, density: Any):
 
 QUANTITY = MapQuantity(
     "thickness", "m", "flow thickness", "flow thickness, vertical", flow_thickness, (0.1, 0.5, 1.0, 2.0), stem="flow_thickness",
-    symbol="vertical thickness", colours="viridis_r", place=0,
+    symbol="vertical thickness", colours="viridis_r", has_mean=True, place=0,
 )  # fmt: skip

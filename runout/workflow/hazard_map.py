@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout import log
-from runout.errors import ConfigError, ExitCode
+from runout.errors import ConfigError, ExitCode, PartialEnsembleError
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
 from runout.model.facts import as_html, as_text
@@ -135,6 +135,25 @@ def _fitting(study: Study, budget: str, changes: Sequence[str]) -> tuple[str, ..
     _inspected(study.site)
     with log.to_file(study.results / "run.log"):
         return limit.chosen()
+
+
+def run_second_grid(site_path: Path, out: Path | None = None, device: str | None = None) -> Outcome:
+    """Run a site, then its members on the cells of the second grid, and make the maps again, with their numerical errors.
+
+    What is up to date is not run again. Errors as of :func:`run`; StorageError if a member has no result on the second grid.
+    """
+    study = Study.open(site_path, out, device=device)
+    run_study(study, ("terrain", "release", "ensemble"))
+    study = Study.open(site_path, out, device=device)
+    cells = study.second.site.resolved()["simulation"]["cell_size"]
+    LOGGER.info("second grid: %d members on cells of %s m", len(study.standings), cells)
+    run_study(study.second, ("ensemble",))
+    study = Study.open(site_path, out, device=device)
+    failed = {number: why for number, why in study.second.failed.items() if number not in study.failed}
+    if failed:
+        number, why = next(iter(failed.items()))
+        raise PartialEnsembleError(f"member {number} failed on the second grid, so that no cell has a numerical error: {why}")
+    return run_study(study)
 
 
 def run_study(study: Study, stages: Sequence[str] = STAGES, force: bool = False) -> Outcome:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.io.fingerprint import Unchanged
-from runout.io.places import require_own_results
+from runout.io.places import SECOND_GRID, require_own_results
 from runout.io.provenance import checksum
 from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
 
@@ -202,6 +202,22 @@ class Study:
         failure = Failure.read(standing.member.failure_file(self.results))
         return not (failure and failure.lasting)
 
+    @cached_property
+    def second(self) -> "Study":
+        """The study of the same members on the second grid (:mod:`runout.hazard.second_grid`)."""
+        from runout.hazard.second_grid import on_second_grid
+
+        study = Study.of(on_second_grid(self.site, len(self.standings)), self.results / SECOND_GRID)
+        return replace(study, workers=self.workers, threads=self.threads, retry_failed=self.retry_failed)
+
+    def _on_second_grid(self) -> list[str]:
+        """Checksums of the members on the second grid, which the maps depend on; none unless all of them are done."""
+        if self.part is not None or not (self.results / SECOND_GRID / "members").is_dir():
+            return []
+        files = self.second.member_files("done")
+        valid = len(self.member_files("done"))
+        return [self.second.written.checksum(file) for file in files] if len(files) >= valid else []
+
     @property
     def ensemble_report(self) -> "EnsembleReport":
         """Report of an ensemble with nothing to simulate; raises PartialEnsembleError if no member is done."""
@@ -236,6 +252,8 @@ class Study:
             return None
         states = {standing.member.number: standing.state for standing in self.standings}
         members = [states, [self.written.checksum(file) for file in self.member_files("done")]]
+        if second := self._on_second_grid():
+            members.append(second)
         error = self.results / "convergence.json"
         bars = digest_files([error] if error.is_file() else [])
         observed = [self.observations] if self.observations else []
