@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from runout.io.atomic import whole_file
+from runout.io.atomic import read_json, whole_file
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file of an archive
 _NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -43,3 +43,10 @@ def write_archive(path: Path, contents: Mapping[str, bytes], mode: int | None = 
         if mode is not None:
             temporary.chmod(mode)
     return path
+
+
+def earlier_archives(results: Path, suffix: str) -> set[Path]:
+    """Archives with a suffix that the run before wrote into a results folder, as its ``run.json`` lists them."""
+    listed = read_json(results / "run.json").get("products", [])
+    names = [str(one.get("name", "")) for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    return {results / name for name in names if name.endswith(suffix) and Path(name).name == name}

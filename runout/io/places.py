@@ -11,7 +11,20 @@ from runout.processes.owner import fault_of_owner
 
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"
-RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
+RESULT_FILES = (
+    ".nc",
+    ".gpkg",
+    ".html",
+    ".json",
+    ".log",
+    ".tif",
+    ".csv",
+    ".png",
+    ".svg",
+    ".qgz",
+    ".kmz",
+    ".txt",
+)  # endings in a results folder
 RESULT_FOLDERS = (
     *("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes"),
     *("sensitivity", "calibration", ".locks"),

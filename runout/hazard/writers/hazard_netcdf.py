@@ -1,4 +1,4 @@
-"""``hazard.nc``: all maps in one file of the CF conventions."""
+"""``hazard.nc``: all maps in one file of the CF conventions, for xarray, Panoply, GDAL and QGIS; the main maps come first."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""``maps/``: a GeoTIFF and a QGIS style of each map; the main ones in front, the others in a folder for each kind."""
+"""``maps/``: GeoTIFFs for any GIS, each with its QGIS style; the main maps in front, the others in a folder for each kind."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""``outlines.gpkg``: releases, areas of equal probability, structures, probes and observations as vector layers with styles."""
+"""``outlines.gpkg``: releases, areas of equal probability, structures, probes and observations as vector layers for any GIS."""
 
 from collections.abc import Sequence
 from itertools import pairwise

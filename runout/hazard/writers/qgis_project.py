@@ -1,4 +1,7 @@
-"""``SITE.qgz``: a QGIS project of all maps and outlines in groups, with their styles, a layout for print and arrival over time."""
+"""``SITE.qgz``: all maps and outlines in QGIS 3.22 or newer, in groups with styles, a layout for print and arrival over time.
+
+It is read-only, since each run writes it anew: save your changes under another name, in this folder.
+"""
 
 import math
 from collections.abc import Iterator
