@@ -16,20 +16,15 @@ _NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 def filled(template: str, content: Mapping[str, Any]) -> str:
     """XML text of a template of ``runout/hazard/templates``; texts are escaped, and characters that XML does not have left out."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
-    from markupsafe import Markup
-
-    def legal(value: Any) -> Any:
-        return _NOT_IN_XML.sub("", value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
     environment = Environment(
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=legal,
         loader=FunctionLoader(lambda name: files("runout.hazard").joinpath("templates", name).read_text(encoding="utf-8")),
     )
-    return environment.get_template(template).render(**content)
+    return _NOT_IN_XML.sub("", environment.get_template(template).render(**content))
 
 
 def write_archive(path: Path, contents: Mapping[str, bytes], mode: int | None = None) -> Path:

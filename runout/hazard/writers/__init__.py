@@ -1,8 +1,8 @@
 """Formats of the hazard maps: each file of this folder writes one, and no other file lists them.
 
 Its docstring names what it writes and says how to open that, for ``README.txt``. It has a function ``write``, which takes
-:class:`Products` and returns the paths that it wrote, each whole or not at all. If it writes other names for other settings, it also
-has ``earlier``, which takes the results folder and returns what runs left there.
+:class:`Products` and returns the paths that it wrote, each whole or not at all. If it writes other names for other settings, it
+also has ``earlier``, which takes the results folder and returns what runs left there.
 """
 
 from collections.abc import Sequence

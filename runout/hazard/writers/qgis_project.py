@@ -134,7 +134,7 @@ def _raster_layers(hazard: "xr.Dataset", results: Path) -> Iterator[Layer]:
 
 def _with_meaning(root: ElementTree.Element) -> str:
     """Places of the classes in a legend of QGIS: without the name of the band and the class of nothing."""
-    items = list(root.iter("item"))
+    items = [*root.iter("item"), *root.iter("paletteEntry")]
     return ",".join(str(k) for k, item in enumerate(items, 1) if item.get("alpha") != "0")
 
 
@@ -161,7 +161,7 @@ def _vector_layers(results: Path, first: str) -> Iterator[Layer]:
             f"./outlines.gpkg|layername={name}",
             group,
             _inner(root),
-            visible or first.startswith(name),
+            visible or (name, first) == ("inundation", "inundation_probability"),
             geometry=geometry,
             labels=int(root.get("labelsEnabled", "0")),
             start=ARRIVAL_START if name == ARRIVAL_LAYER else "",
