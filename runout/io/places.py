@@ -11,7 +11,9 @@ from runout.processes.owner import fault_of_owner
 
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"
-RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
+RESULT_FILES = (  # endings in a results folder
+    *(".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg", ".qgz", ".kmz", ".txt"),
+)
 SECOND_GRID = "second_grid"  # folder in the results with the same members on larger cells
 RESULT_FOLDERS = (
     SECOND_GRID,
