@@ -176,10 +176,10 @@ def _group_of(name: str) -> str:
     if name in (*TERRAIN_MAPS, INFLOW_MAP):
         return "terrain"
     words = {
-        "observed": "observed", "difference": "observed", INTENSITY: "danger", LEVEL: "danger", "boundary": "boundary", "_error": "errors",
-        "deviation": "errors", "probability": "probability", "members": "probability", "annual": "return_periods", "at_return_period": "return_periods",
-        "arrival": "arrival", "deposit": "deposit", "bed": "deposit", "erod": "deposit", "net_": "deposit",
-        "change": "deposit",
+        "observed": "observed", "difference": "observed", INTENSITY: "danger", LEVEL: "danger", "boundary": "boundary",
+        "_error": "errors", "deviation": "errors", "probability": "probability", "members": "probability",
+        "annual": "return_periods", "at_return_period": "return_periods", "arrival": "arrival", "deposit": "deposit",
+        "bed": "deposit", "erod": "deposit", "net_": "deposit", "change": "deposit",
     }  # fmt: skip
     return next((group for word, group in words.items() if word in name), "intensity")
 
