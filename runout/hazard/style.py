@@ -65,7 +65,7 @@ class MapClasses:
         from matplotlib.colors import to_rgba_array
 
         table = np.vstack([np.zeros((1, 4)), to_rgba_array(self.colours) * (1.0, 1.0, 1.0, OPACITY)])
-        place = np.digitize(np.nan_to_num(values, nan=-np.inf).astype(np.float32), np.float32(self.edges))
+        place = np.digitize(np.nan_to_num(values, nan=-np.inf).astype(np.float32), np.array(self.edges, np.float32))
         shown = np.isfinite(values) & ((values > 0) | (not self.nothing))
         return np.round(255 * table[np.where(shown, place, 0)]).astype(np.uint8)
 

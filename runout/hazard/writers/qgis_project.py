@@ -95,7 +95,7 @@ def project_content(products: Products) -> dict[str, Any]:
     hazard, terrain = products.hazard, products.terrain
     results, first = products.results, headline(hazard).name
     layers = [*_vector_layers(results, first), *_raster_layers(hazard, results), _hillshade(hazard)]
-    groups = [
+    groups: list[dict[str, Any]] = [
         {"title": title, "layers": own, "open": any(layer.visible for layer in own)}
         for name, title in (OPEN_GROUPS | GROUPS).items()
         if (own := [layer for layer in layers if layer.group == name])

@@ -69,7 +69,7 @@ def overlay(hazard: "xr.Dataset", name: str, classes: MapClasses) -> tuple[np.nd
     from rasterio.warp import Resampling, calculate_default_transform, reproject
 
     painted = classes.painted(hazard[name].values / VARIABLES[name].printed[1])
-    rows, columns = (_span(painted[..., 3].any(axis=axis)) for axis in (1, 0))
+    rows, columns = (_span(np.asarray(painted[..., 3].any(axis=axis))) for axis in (1, 0))
     painted = painted[rows, columns]
     source = {"src_crs": raster_crs(hazard), "src_transform": raster_transform(hazard.isel(y=rows, x=columns))}
     height, width = painted.shape[:2]
