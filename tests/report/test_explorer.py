@@ -318,3 +318,73 @@ def test_browser_reads_each_map_and_opens_each_list_by_its_controls(made, tmp_pa
         unnamed = f"{controls}.filter((one) => !one.labels.length && !one.ariaLabel).length"
         assert page.run(unnamed) == 0
         assert page.errors == []
+
+
+def details_of(content, group, label):
+    """What opens with a mark."""
+    items = next(one["items"] for one in content.marks if one["name"] == group)
+    return next(item["details"] for item in items if item["label"] == label)
+
+
+def probe_series(study):
+    """Percentiles of the discharge and others at a section."""
+    time = np.linspace(0.0, 90.0, 1300)
+    wave = np.maximum(0.0, 40.0 - np.abs(time - 30.0))
+    values = np.stack([0.5 * wave, wave, 2.0 * wave])[:, None, :]
+    names = ("discharge", "passed_volume", "largest_thickness", "flow_width")
+    series = dict.fromkeys(names, (("percentile", "station", "time"), values))
+    coords = {"percentile": [5.0, 50.0, 95.0], "time": time, "station_name": ("station", ["road"])}
+    return xr.Dataset(series, coords=coords)
+
+
+def test_section_opens_its_series_with_median_and_band(study, site):
+    from shapely import LineString
+
+    west, _, south, _ = study.basemap.extent(study.basemap.whole)
+    marks = [Mark(LineString([(west + 100, south + 100), (west + 500, south + 100)]), "road")]
+    probed = replace(study, basemap=replace(study.basemap, probes=marks), probes={"cross_sections": probe_series(study)})
+    details = details_of(content_of(explorer(probed, site.resolved())), "Probes", "road")
+    chart = details["charts"][0]
+    assert (chart["title"], chart["unit"]) == ("discharge", "m³ s⁻¹")
+    assert max(chart["lines"][0]["y"]) == pytest.approx(40.0, rel=0.01)
+    assert max(chart["band"]["high"]) == pytest.approx(80.0, rel=0.01)
+    assert len(chart["x"]) == len(chart["band"]["low"]) <= 650
+    assert details["remark"].endswith("One in 3 values is drawn.")
+
+
+def test_structure_opens_the_loads_of_its_facades(study, site, monkeypatch):
+    from runout.report import explorer_marks
+
+    house = study.basemap.outlines[0].buffer(10.0)
+    loads = SimpleNamespace(over=xr.Dataset({"structure_name": ("facade", ["house", "house", "barn"])}))
+    section = {
+        "headings": [("Structure", ""), ("Facade", ""), ("Force, largest", "kN")],
+        "rows": [["house", "north", "12"], ["house", "east", "3"]], "rounding": "Loads are rounded.",
+    }  # fmt: skip
+    monkeypatch.setattr(explorer_marks, "structure_section", lambda *_: section)
+    built = replace(study, loads=loads, basemap=replace(study.basemap, obstacles=[Mark(house, "house"), Mark(house, "barn")]))
+    content = content_of(explorer(built, site.resolved()))
+    tables = details_of(content, "Obstacles and structures", "house")["tables"]
+    assert tables == [[["Facade", "north"], ["Force, largest [kN]", "12"]], [["Facade", "east"], ["Force, largest [kN]", "3"]]]
+    assert details_of(content, "Obstacles and structures", "barn") == {"tables": [], "remark": "No member reaches it."}
+
+
+def test_profile_opens_its_section(study, site, tmp_path, results):
+    import shutil
+
+    own = tmp_path / "results"
+    shutil.copytree(results, own)
+    (own / "profiles").mkdir()
+    west, _, south, _ = study.basemap.extent(study.basemap.whole)
+    distance = np.linspace(0.0, 400.0, 81)
+    names = ("max_flow_thickness", "max_speed", "arrival_time", "deposit_thickness")
+    profile = xr.Dataset(
+        dict.fromkeys(names, ("distance", distance / 100.0)), coords={"distance": distance}, attrs={"line": "axis"}
+    )
+    profile["x"], profile["y"] = ("distance", west + 100 + distance), ("distance", np.full(81, south + 200.0))
+    profile["bed_elevation"] = profile["ground_elevation"] = ("distance", 500.0 - 0.2 * distance)
+    profile.to_netcdf(own / "profiles" / "axis_ensemble_axis.nc")
+    details = details_of(content_of(explorer(read_study(own), site.resolved())), "Profiles", "axis (axis_ensemble_axis)")
+    assert [chart["title"] for chart in details["charts"]] == ["elevation", "thickness", "speed", "arrival", "deposit"]
+    assert details["charts"][0]["lines"][0]["y"][-1] == pytest.approx(420.0)
+    assert details["charts"][1]["lines"][0]["y"][-1] == pytest.approx(4.0)
