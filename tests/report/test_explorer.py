@@ -388,3 +388,37 @@ def test_profile_opens_its_section(study, site, tmp_path, results):
     assert [chart["title"] for chart in details["charts"]] == ["elevation", "thickness", "speed", "arrival", "deposit"]
     assert details["charts"][0]["lines"][0]["y"][-1] == pytest.approx(420.0)
     assert details["charts"][1]["lines"][0]["y"][-1] == pytest.approx(4.0)
+
+
+@needs_chromium
+def test_pointer_on_a_mark_shows_its_label_as_text_and_a_click_opens_it(study, site, tmp_path):
+    from shapely import Point
+
+    west, east, south, north = study.basemap.extent(window_of(study))
+    middle = 0.5 * (west + east), 0.5 * (south + north)
+    series = probe_series(study).rename(largest_thickness="flow_thickness", flow_width="speed", passed_volume="pressure")
+    probes = {"probe_points": series.assign_coords(station_name=("station", [EVIL]))}
+    marked = replace(study, basemap=replace(study.basemap, probes=[Mark(Point(middle), EVIL)]), probes=probes)
+    with Page(tmp_path / "profile") as page:
+        page.open(written(explorer(marked, site.resolved()), tmp_path / "map.html"), READY)
+        left, top, width, height = page.run(  # of the cells: without axes
+            "(() => { const plot = Bokeh.documents.map((d) => d.roots()[0]).find((r) => r.renderers.length > 2);"
+            "const box = Bokeh.index.get_by_id(plot.id).frame.bbox;"
+            "const map = document.getElementById('explorer-map').getBoundingClientRect();"
+            "return [map.x + box.left, map.y + box.top, box.width, box.height]; })()"
+        )
+        place = {"x": left + 0.5 * width, "y": top + 0.5 * height}
+        for move in (3, 1, 0):
+            page.call("Input.dispatchMouseEvent", type="mouseMoved", x=place["x"] + move, y=place["y"])
+        for kind in ("mousePressed", "mouseReleased"):
+            page.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **place)
+        page.run("new Promise((resolve) => setTimeout(resolve, 500))")
+        assert page.run("document.querySelector('#explorer-details b').textContent") == EVIL
+        assert page.run("document.querySelectorAll('#explorer-details > div').length") == 3
+        everywhere = (
+            "const all = (root) => [...root.querySelectorAll('*')].flatMap((e) => [e, ...(e.shadowRoot ? all(e.shadowRoot) : [])]);"
+        )
+        assert page.run(f"(() => {{ {everywhere} return all(document).filter((e) => e.tagName === 'IMG').length; }})()") == 0
+        tooltip = f"(() => {{ {everywhere} return all(document).filter((e) => e.className.includes?.('bk-Tooltip')).length; }})()"
+        assert page.run(tooltip) == 1
+        assert page.errors == page.requests == []
