@@ -5,9 +5,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from runout.hazard.outline_style import outline_styles, screen_styles, slope_styles
+from runout.hazard.outline_style import arrival_style, outline_styles, screen_styles, slope_styles
 from runout.hazard.style import below, class_edges, qml
+from runout.hazard.writers.qgis_project import OUTLINES
 from runout.palettes import PROBABILITY_LEVELS, Palette, palette_of
+
+INFLOWS = ("inflow_lines", "inflow_areas")
+
+
+def test_each_layer_with_a_style_has_its_place_in_the_project_of_qgis():
+    assert set(OUTLINES) == {*outline_styles(), *arrival_style([0.0, 1.0]), "danger_level", "intensity_class"}
 
 
 def read(text):
@@ -40,7 +47,7 @@ def test_lines_of_probability_are_wider_and_darker_the_higher_they_are():
 def test_each_layer_has_a_colour_of_its_own_and_labels():
     styles = {name: read(text) for name, text in outline_styles().items()}
     areas = ("release", "obstacles", "friction_zones", "observed_outline", "return_periods")
-    assert set(styles) == {*areas, "inundation", "structures", "facades", "gauges", "thalweg", "probes", "cross_sections"}
+    assert set(styles) == {*areas, "inundation", "structures", "facades", "gauges", "thalweg", "probes", "cross_sections", *INFLOWS}
     first = {name: options(styles[name])["outline_color"] for name in areas}
     assert first == {
         "release": "215,38,61,255",
@@ -61,10 +68,11 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
 def test_points_lines_and_areas_have_symbols_of_their_kind():
     styles = outline_styles() | slope_styles()
     kinds = {name: "".join({s.get("type") for s in read(text).iter("symbol")}) for name, text in styles.items()}
-    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "return_periods", "structures", "sinks")
+    outlined = ("inundation", "obstacles", "friction_zones", "observed_outline", "return_periods", "structures", "sinks")
+    areas = ("release", *outlined, "inflow_areas")
     assert kinds == {
         **dict.fromkeys(areas, "fill"),
-        **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths"), "line"),
+        **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths", "inflow_lines"), "line"),
         **dict.fromkeys(("probes", "gauges"), "marker"),
     }
     assert next(read(slope_styles()["release"]).iter("text-style")).get("fieldName").startswith('"rank"')

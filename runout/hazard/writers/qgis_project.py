@@ -171,17 +171,13 @@ def _vector_layers(results: Path, first: str) -> Iterator[Layer]:
 
 def _hillshade(hazard: "xr.Dataset") -> Layer:
     """The elevation in shades, below all others."""
-    from markupsafe import Markup
-
     elevation = next(layer for layer in map_layers(hazard) if layer.name == "elevation")
-    return Layer("map_hillshade", "Hillshade", f"./{elevation.path}.tif", "terrain", Markup(HILLSHADE), True, legend=False)
+    return Layer("map_hillshade", "Hillshade", f"./{elevation.path}.tif", "terrain", HILLSHADE, True, legend=False)
 
 
-def _inner(root: ElementTree.Element) -> Any:
+def _inner(root: ElementTree.Element) -> str:
     """XML of the children of a style."""
-    from markupsafe import Markup
-
-    return Markup("".join(ElementTree.tostring(child, encoding="unicode") for child in root))
+    return "".join(ElementTree.tostring(child, encoding="unicode") for child in root)
 
 
 def reached_box(hazard: "xr.Dataset") -> Box:
