@@ -11,7 +11,7 @@ from runout.hazard.danger import scheme_record
 from runout.report import tables
 from runout.report.figures import parameter_label
 from runout.report.study import Study
-from runout.report.wording import number, percent, quantity, span, volume
+from runout.report.wording import area, number, percent, quantity, span, volume
 
 VOLUME, DISCHARGE = "release_volume_factor", "discharge_factor"
 POSTERIOR = "posterior.csv"  # rows of `runout calibrate`
@@ -20,7 +20,7 @@ NO_STRUCTURES = (
     "No structures are in site.yaml; with the block structures, facades have loads. Pressure of the undisturbed flow is a layer of "
     "the map, and this command writes it at points."
 )
-MOST_NAMES = 4  # structures and points of a sentence
+MOST_NAMES, MOST_PARTS = 6, 3  # places of a sentence that as many members reach, and groups of them
 
 
 @dataclass(frozen=True)
@@ -111,38 +111,43 @@ def outcome(study: Study) -> str:
     ever = tables.hazard_extent(hazard, hazard["members_reached"].values, 1)
     runout = span(list(study.valid["runout_distance"].astype(float)), "m")
     parts = [
-        f"A flow of {limit} or more reaches {quantity(half, 'km²')} in at least half of the members (by weight) and "
-        f"{quantity(ever, 'km²')} in any, {runout} in plan beyond the release"
+        f"A flow of {limit} or more reaches {area(half)} in at least half of the members (by weight) and "
+        f"{area(ever)} in any, {runout} in plan beyond the release"
     ]
-    places = [*_structures(study), *_points(study)]
-    if places:
-        more = f" and {len(places) - MOST_NAMES} more (below)" if len(places) > MOST_NAMES else ""
-        parts.append(f"it arrives at {', '.join(places[:MOST_NAMES])}{more}")
-    return "; ".join(parts) + "."
+    by_share: dict[str, list[str]] = {}
+    for name, share in _places(study):
+        by_share.setdefault(percent(share), []).append(name)
+    parts += [f"it arrives at {_listed(names)} in {share} of the members" for share, names in by_share.items()]
+    return "; ".join(parts[: MOST_PARTS + 1]) + ("; further places are below." if len(parts) > MOST_PARTS + 1 else ".")
 
 
-def _structures(study: Study) -> list[str]:
-    """Structures that the flow touches with the share of the members, the most frequent first."""
+def _listed(names: list[str]) -> str:
+    """Names in words, the first ones of many."""
+    if len(names) > MOST_NAMES:
+        return f"{', '.join(names[:MOST_NAMES])} and {len(names) - MOST_NAMES} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _places(study: Study) -> list[tuple[str, float]]:
+    """Structures, points and cross-sections that the flow reaches, with the share of the members; the most frequent first."""
+    shares = [*_structures(study)]
+    for dataset in study.probes.values():
+        if "arrival_probability" in dataset:
+            shares += zip(dataset["station_name"].values, dataset["arrival_probability"].values, strict=True)
+    return sorted(((str(name), float(share)) for name, share in shares if share > 0), key=lambda pair: -pair[1])
+
+
+def _structures(study: Study) -> Iterator[tuple[str, float]]:
+    """Structures with the share of the members that touch them."""
     if study.loads is None:
-        return []
+        return
     over = study.loads.over
     weights = study.members["weight"].reindex(over["realization"].values).fillna(0.0).to_numpy(float)
     touched, owners = over["max_facade_force"].fillna(0.0).values > 0, over["structure_name"].values.astype(str)
     axis = over["max_facade_force"].dims.index("facade")
-    shares = {}
     for name in dict.fromkeys(owners):
-        of_structure = np.compress(owners == name, touched, axis).any(axis)
-        shares[name] = float(weights[of_structure].sum() / weights.sum())
-    ordered = sorted(shares.items(), key=lambda item: -item[1])
-    return [f"{name} in {percent(share)} of the members" for name, share in ordered if share > 0]
-
-
-def _points(study: Study) -> Iterator[str]:
-    """Probed points with the share of the members that arrive there."""
-    for dataset in study.probes.values():
-        if "arrival_probability" in dataset:
-            shares = zip(dataset["station_name"].values, dataset["arrival_probability"].values, strict=True)
-            yield from (f"{name} in {percent(float(share))} of the members" for name, share in shares)
+        members = np.compress(owners == name, touched, axis).any(axis)
+        yield name, float(weights[members].sum() / weights.sum())
 
 
 def unsupported(study: Study, settings: Mapping[str, Any]) -> list[str]:
@@ -248,8 +253,8 @@ def _buildings(study: Study, site: str) -> Answer:
     question = "Which buildings are reached, with which pressure?"
     if study.loads is None:
         return Answer(question, NO_STRUCTURES, "maps", "Map", f"runout probe {site} --points buildings.gpkg")
-    touched = _structures(study)
-    return Answer(question, f"{_start('; '.join(touched))}." if touched else "None.", "structures", "Forces and pressures")
+    shares = "; ".join(f"{name} in {percent(share)} of the members" for name, share in _structures(study))
+    return Answer(question, f"{_start(shares)}.", "structures", "Forces and pressures")
 
 
 def _doubled(study: Study, settings: Mapping[str, Any], site: str) -> Answer:

@@ -17,7 +17,7 @@ from runout.quantities import ALL_QUANTITIES, QUANTITIES
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of
 from runout.report.study import Study
-from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.report.wording import UNKNOWN, area, number, percent, quantity, span, unit, volume
 from runout.scores.members import BOOKKEEPING
 from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
@@ -86,11 +86,11 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     limit = f"{quantity(study.threshold, 'm')} thick or more"
     likely = hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
     runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
-    reached = quantity(hazard_extent(hazard, hazard["members_reached"].values, 1), "km²")
+    reached = area(hazard_extent(hazard, hazard["members_reached"].values, 1))
     starts = [(RELEASED, released, "release_volume_factor")] if released > 0 or not inflows else []
     starts += [("Inflow volume", sum(one["volume"] for one in inflows), "discharge_factor")] if inflows else []
     annual = [
-        (f"Area reached once in {years:g} years or more often", quantity(_area_at(hazard, study.threshold, years), "km²"), limit)
+        (f"Area reached once in {years:g} years or more often", area(_area_at(hazard, study.threshold, years)), limit)
         for years in (hazard["return_period"].values if "return_period" in hazard.coords else ())
     ]
     cards = [
@@ -105,7 +105,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
         ("Area reached by any member", reached, limit),
         (
             "Area of probability 0.5 or more",
-            quantity(likely, "km²"),
+            area(likely),
             f"half of the members (by weight) reach it, {limit}{_sampled(hazard)}",
         ),
         *annual,
@@ -150,7 +150,7 @@ def _sampled(hazard: "xr.Dataset") -> str:
     error = hazard["thickness_exceedance_standard_error"].sel(lowest).values
     p = hazard["thickness_exceedance_probability"].sel(lowest).values
     band = hazard_extent(hazard, p + error, 0.5) - hazard_extent(hazard, p - error, 0.5)
-    return f"; standard error from the number of members {quantity(band / 2, 'km²', 2)}"
+    return f"; standard error from the number of members {area(band / 2)}"
 
 
 def heading(study: Study) -> list[tuple[str, str]]:

@@ -22,6 +22,7 @@ WIDTH, TALLEST = 440.0, 470.0  # of a map with its coordinates, and height of th
 LEFT, BELOW, EDGE = 20.0, 20.0, 6.0  # room for the coordinates, and at the other sides
 MOST_PIXELS = 1400  # a side of an image; larger windows are thinned out
 SHADE_PIXELS = 900  # about the longer side of the hillshade
+BROAD = 0.7  # height over width of maps that are printed in landscape
 CONTOURS = 8
 MOST_LABELS = 14
 LETTER, LINE = 6.2, 12.0  # width of a letter and height of a line of a label
@@ -36,6 +37,7 @@ class DrawnMap:
 
     svg: Markup
     legend: Markup
+    broad: bool = False  # a sheet in landscape shows it larger
 
 
 class VectorMaps:
@@ -56,7 +58,7 @@ class VectorMaps:
         west, east, south, north = self.extent = self.ground.extent(self.ground.whole)
         ratio = (north - south) / (east - west)
         self.width = min(WIDTH - LEFT - EDGE, TALLEST / ratio)
-        self.height = self.width * ratio
+        self.height, self.broad = self.width * ratio, ratio < BROAD
         self.step = max(1, math.ceil(max(self.ground.elevation.shape) / MOST_PIXELS))
 
     def definitions(self) -> Markup:
@@ -80,7 +82,7 @@ class VectorMaps:
         index = np.clip(place.filled(0) if whole else place.filled(0.0) * TRANSPARENT, 0, TRANSPARENT - 1).astype(np.uint8)
         index[np.ma.getmaskarray(shown)] = TRANSPARENT
         colours = scale["cmap"](np.arange(256) if whole else np.linspace(0, 1, TRANSPARENT), bytes=True)[:, :3]
-        return DrawnMap(self._map(_indexed(index, colours), alt), self._bar(shown, scale, style))
+        return DrawnMap(self._map(_indexed(index, colours), alt), self._bar(shown, scale, style), self.broad)
 
     def classes(self, values: np.ndarray, entries: Sequence[Mapping[str, Any]], alt: str) -> DrawnMap:
         """A map of classes (rows, columns) in the colours of their entries, the first for 1; 0 has no colour."""
@@ -92,7 +94,7 @@ class VectorMaps:
             f"<small>checked: {escape(e['checked'])}</small></li>"
             for e in reversed(entries)
         )
-        return DrawnMap(self._map(_indexed(index, colours), alt), Markup(f'<ul class="classes">{legend}</ul>'))
+        return DrawnMap(self._map(_indexed(index, colours), alt), Markup(f'<ul class="classes">{legend}</ul>'), self.broad)
 
     def _map(self, image: str, alt: str) -> Markup:
         whole_width, whole_height = self.width + LEFT + EDGE, self.height + BELOW + EDGE

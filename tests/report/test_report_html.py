@@ -13,6 +13,7 @@ from runout.report import tables
 from runout.report.html import render, write_report
 from runout.report.sheets import printed_sheets
 from runout.report.study import read_study
+from runout.report.wording import area
 from runout.terrain.roughness import Roughness
 
 
@@ -85,7 +86,7 @@ def test_the_title_of_the_site_is_escaped(text):
 
 
 def test_the_maps_that_matter_are_printed_with_their_threshold(text):
-    titles = re.findall(r'<div class="sheet">\s*<h3>([^<]*)</h3>', text)
+    titles = re.findall(r'<div class="sheet[ a-z]*">\s*<h3>([^<]*)</h3>', text)
     assert titles == [
         "Probability of a flow thickness of 0.1\u202fm or more",
         "Peak flow thickness, 95th percentile of the members",
@@ -106,7 +107,7 @@ def test_maps_and_areas_state_their_sampling_error(results, text):
     p, s = (study.hazard[f"thickness_exceedance_{kind}"][0].values for kind in ("probability", "standard_error"))
     half = ((p + s >= 0.5).sum() - (p - s >= 0.5).sum()) / 2 * 0.02**2
     assert half > 0
-    assert remark.endswith(f"standard error from the number of members {tables.quantity(half, 'km²', 2)}")
+    assert remark.endswith(f"standard error from the number of members {area(half)}")
 
 
 def test_a_failed_member_stands_in_the_table_with_its_reason_and_is_warned_of(text):
