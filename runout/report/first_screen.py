@@ -1,5 +1,6 @@
 """Sentences of the first screen of a report: what was assumed, what the flow reaches, what the maps do not support, questions."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from shlex import quote
@@ -47,7 +48,7 @@ class Answer:
 def assumed(study: Study, settings: Mapping[str, Any]) -> str:
     """Sentence on the assumptions: released volume, friction with its source, and rates."""
     parts = [part for part in (_released(study), friction(study, settings)) if part]
-    rates = study.hazard.attrs.get("scenarios", "")
+    rates = re.sub(r"\d+\.\d+(e-\d+)?", lambda rate: number(float(rate[0])), study.hazard.attrs.get("scenarios", ""))
     parts.append(f"scenarios with the rates of site.yaml ({rates})" if rates else "no annual rates")
     return f"Assumed: {'; '.join(parts)}."
 

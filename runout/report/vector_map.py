@@ -227,6 +227,8 @@ class VectorMaps:
             yield text(x, EDGE + self.height + 11, f"{value / 1e3:.{decimals}f}", "coordinate")
         for value in round_ticks(south, north, 5):
             y = EDGE + float(self._to_picture(west, value)[1])
+            if y > EDGE + self.height - LINE:  # the corner belongs to the easting
+                continue
             yield f'<path d="M{LEFT} {y:.1f}h-3" class="v-frame"/>'
             yield text(LEFT - 10, y, f"{value / 1e3:.{decimals}f}", "coordinate", f' transform="rotate(-90 {LEFT - 10} {y:.1f})"')
         length = round_length(east - west)
