@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.image import imread, imsave
 
-from runout.report.maps import draw_map
-from runout.report.picture import png
-from runout.report.sheets import Sheet, headline_sheets, reached_window
+from runout.report.maps import draw_map, png
+from runout.report.sheets import Sheet, printed_sheets, reached_window
 from runout.report.study import Study, read_study
 from runout.report.values import STYLES
 
@@ -41,7 +40,7 @@ def side_by_side(study: Study, sheets: list[Sheet]) -> np.ndarray:
 def draw(results: Path) -> None:
     """Write the maps of :data:`SHOWN` of a site's results to :data:`PICTURE`."""
     study = read_study(results)
-    sheets = [sheet for start in SHOWN for sheet in headline_sheets(study) if sheet.title.startswith(start)]
+    sheets = [sheet for start in SHOWN for sheet in printed_sheets(study) if sheet.title.startswith(start)]
     imsave(PICTURE, side_by_side(study, sheets))
     print(f"wrote {PICTURE}")
 

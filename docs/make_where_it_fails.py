@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.image import imread, imsave
 
 from runout import read_site
-from runout.report.maps import draw_map
-from runout.report.picture import png
+from runout.report.maps import draw_map, png
 from runout.slopes.choices import MassWasting, Strength
 from runout.slopes.drainage import drainage
 from runout.slopes.infinite_slope import stability

@@ -4,7 +4,6 @@ import importlib.util
 import logging
 import os
 import sys
-from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -12,15 +11,13 @@ import pytest
 
 @pytest.fixture(scope="session", autouse=True)
 def one_process_where_workers_take_all_cores():
-    """One process compiles the kernels of scan, since two take a third more work, and draws reports: no core is left for others."""
+    """One process compiles the kernels of scan, since two take a third more work: no core is left for others."""
     if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")) < len(os.sched_getaffinity(0)):
         yield
         return
     from runout.backends.scan import precompile
-    from runout.workflow import hazard_map
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hazard_map, "_helpers", lambda: nullcontext())
         patch.setattr(precompile, "os", SimpleNamespace(**{**vars(os), "sched_getaffinity": lambda _: {0}}))
         yield
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from runout import __version__
 from runout.io.vector import outline
-from runout.report.html import embedded, render
+from runout.report.html import render
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
-from runout.report.picture import MapPictures
 from runout.report.scores import ScoreTable, counts_in_words, range_table, score_tables
 from runout.report.values import STYLES, MapStyle
+from runout.report.vector_map import VectorMaps
 from runout.report.wording import number, unit
 from runout.scores.comparison import Comparison
 from runout.scores.flow import PEAKS, THICKNESSES, TITLES, UNITS
@@ -28,9 +28,11 @@ def comparison_page(comparison: Comparison) -> str:
     a, b = names(comparison)
     shown_a, shown_b = _shown_names(comparison)
     heading = [("Scored", str(comparison.a.path)), ("Against", str(comparison.b.path)), ("Grid", _grid(comparison))]
+    maps = _maps(comparison)
     return render(
         {
             "title": f"{a} against {b}",
+            "definitions": maps.definitions(),
             "heading": [*heading, ("Made by", f"runout {__version__}")],
             "lead": _lead(comparison),
             "scores": score_tables(stored["scores"]),
@@ -38,7 +40,7 @@ def comparison_page(comparison: Comparison) -> str:
             "members": _members(comparison),
             "counts": [(of, counts_in_words(counts)) for of, counts in stored["counts"].items()],
             "legend": _legend(comparison, shown_a, shown_b),
-            "sheets": list(_sheets(comparison, shown_a, shown_b)),
+            "sheets": list(_sheets(comparison, maps, shown_a, shown_b)),
             "changes": comparison.changes,
         },
         TEMPLATE,
@@ -152,20 +154,25 @@ def _outline_of(comparison: Comparison, place: int) -> Any:
     return None if shape.is_empty else shape
 
 
-def _sheets(comparison: Comparison, a: str, b: str) -> Iterator[dict[str, str | None]]:
-    base = basemap(comparison)
-    shown = [np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in comparison.flows for name in flow.maps]
-    pictures = MapPictures(base, base.window(np.any(shown, axis=0)))
+def _sheets(comparison: Comparison, maps: VectorMaps, a: str, b: str) -> Iterator[dict[str, Any]]:
     both = comparison.quantities or [name for name in ("thickness", "deposit") if name in comparison.flows[0].maps][:1]
     for name in both:
         style = _style(comparison, name)
         for flow, label in zip(comparison.flows, (a, b), strict=True):
             if name in flow.maps:
-                values = np.where(np.isfinite(flow.maps[name]), flow.maps[name], np.nan)
-                yield {"title": f"{_title(name)}: {label}", "caption": "", "image": embedded(pictures.png(values, style))}
+                values, title = np.where(np.isfinite(flow.maps[name]), flow.maps[name], np.nan), f"{_title(name)}: {label}"
+                yield {"title": title, "caption": "", "map": maps.drawn(values, style, f"Map: {title}")}
         if name in comparison.quantities:
-            image = embedded(pictures.png(_shown_difference(comparison, name), difference_style(name)))
-            yield {"title": f"{_title(name)}: difference", "caption": f"{a} minus {b}", "image": image}
+            title = f"{_title(name)}: difference"
+            drawn = maps.drawn(_shown_difference(comparison, name), difference_style(name), f"Map: {title}")
+            yield {"title": title, "caption": f"{a} minus {b}", "map": drawn}
+
+
+def _maps(comparison: Comparison) -> VectorMaps:
+    """Maps of the window around both flows."""
+    base = basemap(comparison)
+    shown = [np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in comparison.flows for name in flow.maps]
+    return VectorMaps(base, base.window(np.any(shown, axis=0)))
 
 
 def _title(name: str) -> str:

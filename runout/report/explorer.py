@@ -22,12 +22,11 @@ from runout.report import explorer_layers, explorer_marks
 from runout.report.explorer_layers import MOST_VALUES, Family, Grid
 from runout.report.explorer_members import MemberLayers, member_layers
 from runout.report.maps import hillshade
-from runout.report.sheets import HEADLINE_THICKNESS
 from runout.report.study import Study
 from runout.report.values import Window
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 TEMPLATE = "explorer.html.jinja"
 WIDEST_SHADE, WIDEST_VIEW = 900, 1400  # pixels of the hillshade of the whole raster, and of that of the map
@@ -89,7 +88,7 @@ def explorer(study: Study, settings: Mapping[str, Any], folder: Path | None = No
         "view": _extent(study, window),
         "axes": ["Easting", "Northing"] if "crs" in study.hazard else ["x", "y"],
         "attribution": attribution(study, settings),
-        "first": _first(study.hazard, products),
+        "first": _first(study, products),
     }
     script = files("runout.report").joinpath("explorer.js").read_text(encoding="utf-8")
     style = files("runout.report").joinpath("explorer.css").read_text(encoding="utf-8")
@@ -203,14 +202,14 @@ def _shaded(study: Study, window: Window, widest: int) -> str:
     return _jpeg(Image.fromarray(grey))
 
 
-def _first(hazard: "xr.Dataset", products: list[Family]) -> list[int]:
-    """Family and level that the map shows first: the probability of the thickness nearest to that of the first map."""
+def _first(study: Study, products: list[Family]) -> list[int]:
+    """Family and level that the map shows first: the probability of the thickness of the first screen."""
     names = [family.name for family in products]
     thickness = QUANTITIES["thickness"]
     if thickness.exceedance("probability") not in names:
         return [0, 0]
-    levels = hazard[thickness.threshold].values
-    return [names.index(thickness.exceedance("probability")), int(np.abs(levels - HEADLINE_THICKNESS).argmin())]
+    levels = study.hazard[thickness.threshold].values
+    return [names.index(thickness.exceedance("probability")), int(np.abs(levels - study.threshold).argmin())]
 
 
 def attribution(study: Study, settings: Mapping[str, Any]) -> str:

@@ -1,41 +1,37 @@
 """The report of a study: one self-contained HTML file."""
 
 from base64 import b64encode
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 
-from runout.report import confidence, figures, probe_figures, sheets, tables
+from runout.report import confidence, figures, first_screen, probe_figures, sheets, tables
 from runout.report.danger import danger_section
-from runout.report.elsewhere import Helpers
-from runout.report.maps import Basemap
-from runout.report.members import representative
-from runout.report.picture import MapPictures, encoded, png
+from runout.report.explorer import explorer
 from runout.report.scores import counts_in_words, range_table, reach_tables, score_tables
 from runout.report.structures import LoadError, structure_section
 from runout.report.study import Study, read_study
-from runout.report.values import STYLES, Window
-from runout.report.wording import MINUS
+from runout.report.values import STYLES
+from runout.report.vector_map import VectorMaps
+from runout.report.wording import MINUS, quantity
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from runout.report.stills import Stills
 
-Cells = tuple[np.ndarray, str, float]  # values of a map (rows, columns), its key in STYLES, and the end of a shared scale
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
+LOCAL = "local coordinates"
 
 
-def write_report(
-    site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None, helpers: Helpers | None = None
-) -> Path:
+def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None) -> Path:
     """Write the report ``results/report.html``, completely or not at all; returns its path.
 
     Parameters
@@ -46,8 +42,6 @@ def write_report(
         Folder with ``hazard.nc``, ``members.nc``, ``members/``, ``outlines.gpkg`` and ``run.json``.
     stills : callable, optional
         Draws valid members in three dimensions.
-    helpers : Helpers, optional
-        Processes that draw a part of the pictures.
 
     Raises
     ------
@@ -57,36 +51,42 @@ def write_report(
     from runout.io.atomic import write_text
 
     study = read_study(Path(results))
-    content = page(site, study, helpers or Helpers())
+    content = page(site, study, sha256((Path(results) / "hazard.nc").read_bytes()).hexdigest())
     drawn = stills(study.valid).content() if stills else None
     return write_text(render({**content, "stills": drawn}), Path(results) / REPORT)
 
 
-def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
-    """Content of the template, by name."""
+def page(site: Any, study: Study, checksum: str) -> dict[str, Any]:
+    """Content of the template, by name; ``checksum`` is that of ``hazard.nc``."""
     settings = site.resolved()
-    window, sure = sheets.reached_window(study), confidence.parts(study, settings)
+    maps, sure = VectorMaps(study.basemap, sheets.reached_window(study)), confidence.parts(study, settings)
     error = LoadError.of(study.convergence, tables.cells_through(study, settings))
-    drawn = helpers.do(partial(_figures, study.for_figures(), window, error))
-    headline = sheets.headline_sheets(study)
-    further = sheets.further_sheets(study, headline)
-    observed = sheets.observed_sheets(study) if study.run.get("observations") else []
-    printed = _printed([*headline, *further, *observed], study.basemap, window, helpers)
+    danger, statement = danger_section(study, maps), confidence.statement(sure, study)
+    crs, head = _reference_system(study), tables.heading(study)
     return {
         "title": settings.get("title") or site.name,
         "name": site.name,
         "description": settings.get("description") or "",
-        "heading": tables.heading(study),
-        "sure": sure and {"statement": confidence.statement(sure, study), "rows": [part.row() for part in sure]},
+        "heading": head,
+        "explorer": explorer(study, settings),
+        "definitions": maps.definitions(),
+        "threshold": quantity(study.threshold, "m"),
+        "assumed": first_screen.assumed(study, settings),
+        "outcome": first_screen.outcome(study),
+        "unsupported": first_screen.unsupported(study, settings),
+        "questions": first_screen.questions(study, settings, statement),
+        "sure": sure and {"statement": statement, "rows": [part.row() for part in sure]},
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
         "releases": tables.release_statements(study),
-        "headline": printed[: len(headline)],
-        "further": printed[len(headline) : len(headline) + len(further)],
+        "sheets": [*_classes_sheet(danger), *_drawn(maps, sheets.printed_sheets(study))],
+        "block": [("Site", site.name), *head, ("Coordinates", crs), ("SHA-256 of hazard.nc", checksum)],
         "legend": _legend(study),
-        "danger": _danger(study, window),
-        "observed": _observed(study, printed[len(headline) + len(further) :]),
-        "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
+        "danger": danger,
+        "structures": structure_section(study.loads, error),
+        "probes": _probed(study),
+        "observed": _observed(study, maps) if study.run.get("observations") else None,
+        "crs": crs,
         "error": tables.numerical_error(study, settings),
         "bed": settings.get("bed"),
         "scenarios": study.hazard.attrs.get("scenarios", ""),
@@ -95,20 +95,30 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "balance": tables.balance(study),
         "settings": tables.settings(settings),
         "provenance": tables.provenance(study.run),
-        **drawn(),
+        **_charts(study),
     }
 
 
-def _danger(study: Study, window: Window) -> dict[str, Any] | None:
-    """Classes and levels of danger; None for a site without a scheme."""
-    section = danger_section(study, window)
-    return section and {**section, "figures": [(title, embedded(picture)) for title, picture in section["figures"]]}
+def _reference_system(study: Study) -> str:
+    """Name of the coordinate reference system."""
+    if "crs" not in study.hazard:
+        return LOCAL
+    return str(study.hazard["crs"].attrs.get("long_name", "")).removeprefix("coordinate reference system: ")
 
 
-def _figures(study: Study, window: Window, error: LoadError) -> dict[str, Any]:
-    """Content with pictures other than maps of results; needs :meth:`Study.for_figures` only."""
-    location = embedded(sheets.location(study.basemap, window))
-    return {"structures": _structures(study, error), "probes": _probed(study), "location": location, **_plots(study)}
+def _classes_sheet(danger: dict[str, Any] | None) -> Iterator[dict[str, Any]]:
+    """The first map of classes as a sheet; none without a scheme."""
+    if danger:
+        title, drawn = danger["figures"][0]
+        caption = f"{danger['title']}. No colour means that no simulated event reaches the cell."
+        yield {"title": title, "caption": caption, "map": drawn}
+
+
+def _drawn(maps: VectorMaps, shown: Iterable[sheets.Sheet]) -> Iterator[dict[str, Any]]:
+    """Title, caption and map of sheets."""
+    for sheet in shown:
+        style = replace(STYLES[sheet.style], top=sheet.top or STYLES[sheet.style].top)
+        yield {"title": sheet.title, "caption": sheet.caption, "map": maps.drawn(sheet.values, style, f"Map: {sheet.title}")}
 
 
 def _legend(study: Study) -> str:
@@ -119,43 +129,37 @@ def _legend(study: Study) -> str:
     if study.loads:
         lines.append("hatched areas with a name are structures")
     if study.basemap.observed:
-        lines.append("blue is what was observed: outline, gauges (triangles) and thalweg (dotted)")
+        lines.append("blue is what was observed: outline, gauges and thalweg")
     if study.basemap.probes:
         lines.append("purple are probes: points and cross-sections")
     if study.basemap.zones:
         lines.append("dashed lines are those of friction zones, with their factor or angle of friction")
+    if np.isnan(study.basemap.elevation).any():
+        lines.append("striped ground has no elevation")
     return "; ".join(lines).capitalize()
 
 
-def _structures(study: Study, error: LoadError) -> dict[str, Any] | None:
-    """Forces on structures; None for a site without any."""
-    section = structure_section(study.loads, error)
-    return section and {**section, "figure": embedded(png(section["figure"]) if section["figure"] else None)}
-
-
-def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, Any] | None:
-    """Scores against the observations, and maps of both; None for a site without observations."""
-    stated = study.run.get("observations")
-    if not stated:
-        return None
-    whole, members = stated["ensemble"], stated["members"]
+def _observed(study: Study, maps: VectorMaps) -> dict[str, Any]:
+    """Scores against the observations, and maps of both."""
+    observations = study.run["observations"]
+    whole, members = observations["ensemble"], observations["members"]
     return {
-        "statement": stated["statement"][:1].upper() + stated["statement"][1:],
+        "statement": observations["statement"][:1].upper() + observations["statement"][1:],
         "scores": score_tables(whole["scores"]),
         "reaches": reach_tables(whole.get("reaches"), study.hazard.get("reach_volume")),
-        "reach_figure": _reach_figure(study),
+        "reach_figure": _reach_chart(study),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
         "members": range_table(whole["scores"], members, _parameters(study, members)) if len(members) > 1 else [],
-        "sheets": printed,
+        "sheets": list(_drawn(maps, sheets.observed_sheets(study))),
     }
 
 
-def _reach_figure(study: Study) -> str | None:
-    """Picture of the volumes by reach; None for a site without reaches."""
+def _reach_chart(study: Study) -> Markup | None:
+    """Chart of the volumes by reach; None for a site without reaches."""
     if "reach_volume" not in study.hazard:
         return None
     weights = study.valid.loc[study.hazard["realization"].values, "weight"].to_numpy(np.float64)
-    return embedded(png(figures.reach_figure(study.hazard, weights / weights.sum())))
+    return figures.reach_chart(study.hazard, weights / weights.sum())
 
 
 def _parameters(study: Study, members: Iterable[str]) -> dict[str, dict[str, float]]:
@@ -165,58 +169,27 @@ def _parameters(study: Study, members: Iterable[str]) -> dict[str, dict[str, flo
 
 
 def _probed(study: Study) -> dict[str, Any] | None:
-    """Tables of peaks and a figure for each probe; None for a site without probes."""
+    """Tables of peaks at the probes; None for a site without probes."""
     if not study.probes:
         return None
-    tables_of = [probe_figures.peak_table(dataset, group) for group, dataset in study.probes.items()]
-    shown = [
-        (f"{probe_figures.WORDS[group].capitalize()} {dataset['station_name'].values[k]}", group, dataset, k)
-        for group, dataset in study.probes.items()
-        for k in range(dataset.sizes["station"])
-    ]
-    figures_of = [(title, embedded(png(probe_figures.station_figure(d, group, k, " ")))) for title, group, d, k in shown]
-    return {"tables": tables_of, "figures": figures_of}
+    return {"tables": [probe_figures.peak_table(dataset, group) for group, dataset in study.probes.items()]}
 
 
-def _plots(study: Study) -> dict[str, Any]:
+def _charts(study: Study) -> dict[str, Any]:
     valid, ledgers = study.valid, study.ledgers
     if not len(valid):
         return {"budget": None, "kinetic": None, "representative": None, "dependence": []}
     return {
-        "budget": embedded(png(figures.budget_figure(ledgers, valid))),
-        "kinetic": embedded(png(figures.kinetic_figure(ledgers, valid))),
-        "representative": representative(valid),
-        "dependence": [
-            (figures.parameter_label(name), embedded(png(figures.parameter_figure(valid, name))))
-            for name in tables.sampled_parameters(study)
-        ],
+        "budget": figures.budget_chart(ledgers, valid),
+        "kinetic": figures.kinetic_chart(ledgers, valid),
+        "representative": figures.representative(valid),
+        "dependence": [figures.parameter_chart(valid, name) for name in tables.sampled_parameters(study)],
     }
 
 
-def _printed(drawn: list[sheets.Sheet], basemap: Basemap, window: Window, helpers: Helpers) -> list[dict[str, str | None]]:
-    """Title, caption and picture of maps, of which each free helper draws a share."""
-    ground = basemap.cropped(window)
-    cells = [(sheet.values[window], sheet.style, sheet.top) for sheet in drawn]
-    count = len(helpers.free) + 1
-    shares = [cells[part[0] : part[-1] + 1] for part in np.array_split(np.arange(len(cells)), count) if part.size]
-    elsewhere = [helpers.do(partial(_pictures, ground, share)) for share in shares[1:]]
-    images = [*_pictures(ground, shares[0]), *(image for answer in elsewhere for image in answer())]
-    texts = ({"title": sheet.title, "caption": sheet.caption} for sheet in drawn)
-    return [{**text, "image": image} for text, image in zip(texts, images, strict=True)]
-
-
-def _pictures(ground: Basemap, cells: list[Cells]) -> list[str | None]:
-    """Pictures of maps; each is compressed while the next is drawn."""
-    pictures = MapPictures(ground, ground.whole)
-    with ThreadPoolExecutor(1) as pool:
-        styles = [replace(STYLES[style], top=top or STYLES[style].top) for _, style, top in cells]
-        images = [pool.submit(encoded, pictures.pixels(c[0], style)) for c, style in zip(cells, styles, strict=True)]
-        return [embedded(image.result()) for image in images]
-
-
-def embedded(picture: bytes | None) -> str | None:
-    """A PNG as the address of an image; None for none."""
-    return None if picture is None else "data:image/png;base64," + b64encode(picture).decode("ascii")
+def embedded(picture: bytes | None, kind: str = "png") -> str | None:
+    """A picture as the address of an image; None for none."""
+    return None if picture is None else f"data:image/{kind};base64," + b64encode(picture).decode("ascii")
 
 
 def render(content: dict[str, Any], template: str = TEMPLATE) -> str:
@@ -226,7 +199,13 @@ def render(content: dict[str, Any], template: str = TEMPLATE) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(_template)
     )
+    environment.filters["css_string"] = _css_string
     return environment.get_template(template).render(**content)
+
+
+def _css_string(text: str) -> Markup:
+    """A string of CSS, in which all signs but letters and digits are escaped."""
+    return Markup('"' + "".join(c if c.isalnum() or c in " ,.-" else f"\\{ord(c):x} " for c in text) + '"')
 
 
 def _template(name: str) -> str:

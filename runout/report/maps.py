@@ -20,6 +20,8 @@ WIDTH_TO_HEIGHT = 1.0
 WIDE, HIGHEST = 4.2, 3.7  # [inch] width of the sheet and of the map on it
 MARGINS = (0.5, 0.46, 0.14, 0.1)  # [inch] left, bottom, right, top of the map
 BAR = (0.14, 0.5)  # [inch] height of the colour bar, and of the numbers and the label below it
+DPI = 200
+COMPRESSION = 4  # of zlib: 8 % larger files than with 6, in half the time
 TITLE_HEIGHT = 0.2  # [inch] outside the margin
 
 
@@ -104,6 +106,15 @@ class Basemap:
         return [shape.bounds for shape in seen if not shape.is_empty and "Line" not in shape.geom_type]
 
 
+def png(figure: Any, dpi: int = DPI) -> bytes:
+    """PNG of a figure; equal figures give equal bytes."""
+    from io import BytesIO
+
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None}, pil_kwargs={"compress_level": COMPRESSION})
+    return buffer.getvalue()
+
+
 def _centred(middle: float, length: float, available: int) -> slice:
     n = min(math.ceil(length), available)
     start = min(max(round(middle - n / 2 + 0.5), 0), available - n)
@@ -144,7 +155,7 @@ def _sheet(extent: Extent, above: float = 0.0, new_figure: Callable[..., Any] | 
     return axes, below
 
 
-def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = True) -> None:
+def draw_ground(axes: Any, basemap: Basemap, window: Window) -> None:
     """Hillshade and contour lines of a window."""
     z = basemap.elevation[window]
     known = np.where(np.isfinite(z), z, np.nanmin(basemap.elevation))
@@ -153,7 +164,7 @@ def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = Tr
     axes.set_facecolor("#e9ebee")
     axes.imshow(shade, cmap="gray", vmin=-1.5, vmax=1.05, extent=extent, interpolation="bicubic", zorder=0)
     draw_unknown(axes, ~np.isfinite(z), extent)
-    if contours and np.ptp(known) > 0:
+    if np.ptp(known) > 0:
         _contours(axes, basemap, window)
 
 
@@ -176,11 +187,11 @@ def _contours(axes: Any, basemap: Basemap, window: Window) -> None:
     axes.clabel(lines, levels[::3], fontsize=SMALL, fmt=lambda v: f"{v:.0f} m", inline_spacing=2)
 
 
-def draw_frame(axes: Any, basemap: Basemap, window: Window, labels: bool = True) -> None:
+def draw_frame(axes: Any, basemap: Basemap, window: Window) -> None:
     """Outlines of releases, obstacles and friction zones, their labels, coordinates in km, scale bar and north arrow."""
     west, east, south, north = basemap.extent(window)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-    taken: list[np.ndarray] | None = [] if labels else None
+    taken: list[np.ndarray] = []
     draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, taken)
     draw_observed(axes, basemap.observed, taken)
     draw_probes(axes, basemap.probes, taken)
@@ -232,19 +243,6 @@ def _north_arrow(axes: Any) -> None:
         "N", xy=(0.962, 0.86), xytext=(0.962, 0.955), xycoords="axes fraction", ha="center", va="center", fontsize=SMALL,
         color=INK, bbox=box, zorder=5, arrowprops={"arrowstyle": "<|-", "color": INK, "linewidth": 1.3, "shrinkA": 1},
     )  # fmt: skip
-
-
-def draw_location(basemap: Basemap, window: Window) -> Any:
-    """Figure of the whole terrain with the frame of the maps."""
-    from matplotlib.patches import Rectangle
-
-    axes, below = _sheet(basemap.extent(basemap.whole))
-    draw_ground(axes, basemap, basemap.whole, contours=False)
-    tint_by_elevation(axes, below, basemap)
-    draw_frame(axes, basemap, basemap.whole, labels=False)
-    west, east, south, north = basemap.extent(window)
-    axes.add_patch(Rectangle((west, south), east - west, north - south, fill=False, color=INK, linewidth=1.4, zorder=5))
-    return axes.figure
 
 
 def tint_by_elevation(axes: Any, below: Any, basemap: Basemap) -> None:

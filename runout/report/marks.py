@@ -30,11 +30,11 @@ class Mark:
 
 
 def draw_marks(
-    axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zones: Sequence[Mark], taken: list[np.ndarray] | None
+    axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zones: Sequence[Mark], taken: list[np.ndarray]
 ) -> None:
     """Draw releases red, obstacles hatched and friction zones dashed within the limits of the axes.
 
-    The last two are labelled clear of the boxes of labels ``taken``, which get theirs; None: no labels.
+    The last two are labelled clear of the boxes of labels ``taken``, which get theirs.
     """
     for x, y in _rings([zone.geometry for zone in zones]):
         axes.plot(x, y, color="white", linewidth=1.8, alpha=0.6, zorder=3)
@@ -44,15 +44,13 @@ def draw_marks(
     for x, y in _rings(releases):
         axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
         axes.plot(x, y, color=RELEASE, linewidth=1.3, zorder=4)
-    if taken is None:
-        return
     marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
     clear = [_box_of(axes, o.geometry) for o in obstacles if not _visible(axes, o.geometry).is_empty]
     for mark, colour in _in_order(axes, marks):
         _label(axes, mark, colour, taken=taken, kept_clear=clear if colour == OBSTACLE else None)
 
 
-def draw_observed(axes: Any, observed: Sequence[Mark], taken: list[np.ndarray] | None) -> None:
+def draw_observed(axes: Any, observed: Sequence[Mark], taken: list[np.ndarray]) -> None:
     """Draw observed outlines blue, a thalweg dotted and points as triangles with their labels; ``taken`` as for marks."""
     kinds: dict[str, list[Mark]] = {}
     for mark in observed:
@@ -65,13 +63,11 @@ def draw_observed(axes: Any, observed: Sequence[Mark], taken: list[np.ndarray] |
     points = kinds.get("Point", [])
     for mark in points:
         axes.plot(mark.geometry.x, mark.geometry.y, "^", color=OBSERVED, markeredgecolor="white", markersize=6, zorder=5)
-    if taken is None:
-        return
     for mark in points[:MOST_LABELS]:
         _label(axes, mark, OBSERVED, taken=taken, kept_clear=())
 
 
-def draw_probes(axes: Any, probes: Sequence[Mark], taken: list[np.ndarray] | None) -> None:
+def draw_probes(axes: Any, probes: Sequence[Mark], taken: list[np.ndarray]) -> None:
     """Draw points of recorded series as purple dots, cross-sections as lines, with their names; ``taken`` as for marks."""
     for mark in probes:
         if mark.geometry.geom_type == "Point":
@@ -79,8 +75,6 @@ def draw_probes(axes: Any, probes: Sequence[Mark], taken: list[np.ndarray] | Non
         else:
             axes.plot(*mark.geometry.xy, color="white", linewidth=2.6, alpha=0.8, zorder=3)
             axes.plot(*mark.geometry.xy, color=PROBE, linewidth=1.3, zorder=4)
-    if taken is None:
-        return
     for mark in probes[:MOST_LABELS]:
         is_point = mark.geometry.geom_type == "Point"
         place = mark.geometry if is_point else mark.geometry.interpolate(0.12, normalized=True)  # inside the map

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.hazard.order import weighted_percentiles
-from runout.quantities import ALL_QUANTITIES, CHANGE, DEPOSIT, ERODED, INFLOW_MAP, QUANTITIES
+from runout.quantities import ALL_QUANTITIES, ARRIVAL, CHANGE, DEPOSIT, ERODED, INFLOW_MAP, QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,10 +147,15 @@ def _bounds(cells: np.ndarray) -> tuple[slice, slice]:
     return spans[0], spans[1]
 
 
-def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach) -> dict[str, float]:
-    """Values of :data:`FIGURES` for one member in SI units; area in km², escaped share in percent."""
-    maps = {name: member.within(name, reach.part) for name in ("arrival_time", "max_speed", "deposit_thickness")}
-    reached = np.isfinite(maps["arrival_time"])
+def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach, least: float | None = None) -> dict[str, float]:
+    """Values of :data:`FIGURES` for one member in SI units; area in km², escaped share in percent.
+
+    The flow reaches cells in which it is ``least`` [m] thick or more at any time; None: those with a time of arrival.
+    """
+    thickness = QUANTITIES["thickness"].member_map
+    decides = ARRIVAL if least is None else thickness
+    maps = {name: member.within(name, reach.part) for name in (decides, "max_speed", "deposit_thickness")}
+    reached = np.isfinite(maps[ARRIVAL]) if least is None else np.nan_to_num(maps[thickness]) >= np.float32(least)
     distance, angle = reach.runout(reached)
     deposit = np.nan_to_num(maps["deposit_thickness"][~reach.released])
     total = float(ledger["mass"][-1] + ledger["escaped_mass"][-1])

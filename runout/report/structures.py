@@ -6,17 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 
 from runout.forecast.accuracy import FEWEST_MEASURED, expected_errors
-from runout.report.maps import WIDE
-from runout.report.values import NORMAL, SMALL
+from runout.report.chart import Chart
+from runout.report.figures import TIME
 from runout.report.wording import digits_within, number, number_within, percent, volume
 from runout.simulation.structure_forces import AXES, SERIES
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST_LINES = 8  # structures of the figure
+LINES = ("#1f7fa3", "#c98b4b", "#5e8c61", "#8f3b3b", "#7b5ea7", "#7a5c3e", "#b0568b", "#8a939d")  # colours of structures
 KILO = 1e3
 ROUNDED = (
     "Loads, times and volumes are rounded to the digits that a numerical error of {error} leaves ({of}); the error of single "
@@ -107,7 +108,7 @@ def structure_section(loads: Loads | None, error: LoadError) -> dict[str, Any] |
         "untouched": over.sizes["facade"] - len(reached),
         "dams": _dams(over, error.share),
         "chosen": loads.chosen,
-        "figure": force_figure(loads) if len(reached) else None,
+        "figure": force_chart(loads) if len(reached) else None,
     }
 
 
@@ -155,24 +156,20 @@ def _volume(value: float, error: float | None) -> str:
     return volume(value, digits_within(value, error))
 
 
-def force_figure(loads: Loads) -> Any:
-    """Figure of the force on each structure, all its facades together, against time: the member of the series."""
-    from matplotlib.figure import Figure
+def force_chart(loads: Loads) -> Markup:
+    """Force on each structure, all its facades together, against time: the member of the series."""
+    time, forces = loads.series["record_time"].values, forces_over_time(loads)
+    most = max((float(force.max()) for force in forces.values()), default=1.0)
+    chart = Chart(TIME, "force [kN]", (0.0, float(time[-1]) if len(time) else 1.0), (0.0, 1.05 * most))
+    for (name, force), colour in zip(forces.items(), LINES, strict=False):
+        chart.line(time, force, colour, name)
+    return chart.svg("Force on structures over time")
 
-    from runout.report.figures import tidy
 
+def forces_over_time(loads: Loads) -> dict[str, np.ndarray]:
+    """Force [kN] (time,) on the structures that are reached, all facades together, the largest first and eight at most."""
     owners = loads.series["structure_name"].values.astype(str)
     forces = np.stack([loads.series[f"facade_force_{axis}"].values for axis in AXES], axis=-1)
-    sums = {name: np.linalg.norm(forces[:, owners == name].sum(1), axis=1) for name in dict.fromkeys(owners)}
+    sums = {name: np.linalg.norm(forces[:, owners == name].sum(1), axis=1) / KILO for name in dict.fromkeys(owners)}
     reached = [name for name in sums if sums[name].max(initial=0.0) > 0]
-    largest = sorted(reached, key=lambda name: -float(sums[name].max()))[:MOST_LINES]
-    figure = Figure(figsize=(WIDE, 3.6), layout="constrained")
-    axes = figure.subplots()
-    for name in largest:
-        axes.plot(loads.series["record_time"].values, sums[name] / KILO, linewidth=1.3, label=name)
-    axes.set(xlim=(0, None), ylim=(0, None))
-    axes.set_ylabel("force [kN]", fontsize=NORMAL)
-    if largest:
-        axes.legend(fontsize=SMALL, frameon=False)
-    tidy(axes)
-    return figure
+    return {name: sums[name] for name in sorted(reached, key=lambda name: -float(sums[name].max()))[: len(LINES)]}

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
 SENSITIVITY = "sensitivity/sensitivity.json"  # of `runout sensitivity`
 PROBED = ("cross_sections", "probes")
-OF_ALL = ("time", "kinetic_energy")  # of the ledgers of all members, for one figure
 
 
 @dataclass(frozen=True)
@@ -73,11 +72,10 @@ class Study:
         """Members that were simulated without failure."""
         return self.members[self.members["status"] == "valid"]
 
-    def for_figures(self) -> "Study":
-        """What figures other than maps need, to be sent to another process: no maps, and of most members only what is drawn."""
-        chosen = representative(self.valid) if len(self.valid) else None
-        ledgers = {m: ledger if m == chosen else {name: ledger[name] for name in OF_ALL} for m, ledger in self.ledgers.items()}
-        return replace(self, hazard=self.hazard[[]], ledgers=ledgers)
+    @property
+    def threshold(self) -> float:
+        """Thickness [m] from which the flow reaches a place in all figures and first maps of the report: the lowest threshold."""
+        return float(self.hazard["thickness_threshold"].min())
 
 
 def read_study(results: Path) -> Study:
@@ -153,11 +151,11 @@ def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -
 
     figures: dict[int, dict[str, float]] = {}
     ledgers: dict[int, Ledger] = {}
-    reach = Reach.of(hazard)
+    reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].min())
     for member in table.index[table["status"] == "valid"]:
         with MemberMaps(_existing(members_folder(results) / table["file"][member])) as file:
             ledgers[member] = file.ledger()
-            figures[member] = member_figures(file, ledgers[member], reach)
+            figures[member] = member_figures(file, ledgers[member], reach, least)
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 

@@ -15,10 +15,9 @@ from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
 from runout.quantities import ALL_QUANTITIES, QUANTITIES
 from runout.report.figures import parameter_label
-from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of, started_on
-from runout.report.sheets import hazard_extent
+from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of
 from runout.report.study import Study
-from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.report.wording import UNKNOWN, area, number, percent, quantity, span, unit, volume
 from runout.scores.members import BOOKKEEPING
 from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
@@ -81,33 +80,45 @@ def sensitivity(record: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
-    """Key figures of the report: label, value, remark."""
+    """Key figures of the report: label, value, remark. All areas and distances are those of one threshold of thickness."""
     hazard, valid = study.hazard, study.valid
     released, inflows = hazard_volume(hazard["release_thickness"], hazard), study.run.get("inflows", [])
-    threshold = quantity(float(hazard["thickness_threshold"].min()), "m")
+    limit = f"{quantity(study.threshold, 'm')} thick or more"
     likely = hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
     runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
-    reached = quantity(hazard_extent(hazard, hazard["members_reached"].values, 1), "km²")
-    arrival = float(hazard["first_arrival_time"].where(~started_on(hazard)).max())
+    reached = area(hazard_extent(hazard, hazard["members_reached"].values, 1))
     starts = [(RELEASED, released, "release_volume_factor")] if released > 0 or not inflows else []
     starts += [("Inflow volume", sum(one["volume"] for one in inflows), "discharge_factor")] if inflows else []
     annual = [
-        (f"Reached once in {years:g} years", quantity(_area_at(hazard, years), "km²"), f"area, {threshold} thick or more")
+        (f"Area reached once in {years:g} years or more often", area(_area_at(hazard, study.threshold, years)), limit)
         for years in (hazard["return_period"].values if "return_period" in hazard.coords else ())
     ]
     cards = [
-        ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
+        (
+            "Simulations in the maps",
+            f"{len(valid)} of {len(study.members)}",
+            "each is one complete 3D run, a member of the ensemble",
+        ),
         *((label, volume(size), _factor(study, name)) for label, size, name in starts),
-        ("Runout", span(runouts, "m"), "plan distance beyond the release"),
-        ("Angle of reach", span(angles, "°"), "from the top of the release"),
-        ("Area reached", reached, f"by any member, {threshold} thick or more"),
-        ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
+        ("Run-out of the members", span(runouts, "m"), f"plan distance from the release to the farthest cell, {limit}"),
+        ("Angle of reach", span(angles, "°"), "from the highest point of the release to that cell"),
+        ("Area reached by any member", reached, limit),
+        (
+            "Area of probability 0.5 or more",
+            area(likely),
+            f"half of the members (by weight) reach it, {limit}{_sampled(hazard)}",
+        ),
         *annual,
-        ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
     if not has_volumes(valid):
         return cards
     return [*(card for card in cards if card[0] != RELEASED), *volumes(valid)]
+
+
+def hazard_extent(hazard: "xr.Dataset", values: Any, least: float) -> float:
+    """Area [km2] of the cells with at least ``least``."""
+    cell = abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))
+    return float(np.nansum(np.asarray(values) >= least)) * cell / 1e6
 
 
 def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
@@ -121,10 +132,10 @@ def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
     return cards
 
 
-def _area_at(hazard: "xr.Dataset", years: float) -> float:
-    """Area [km2] of the cells that reach the lowest threshold of thickness at a return period."""
+def _area_at(hazard: "xr.Dataset", threshold: float, years: float) -> float:
+    """Area [km2] of the cells that reach a threshold of thickness [m] at a return period."""
     values = hazard[QUANTITIES["thickness"].at_return_period].sel(return_period=years).values
-    return hazard_extent(hazard, values, float(hazard["thickness_threshold"].min()))
+    return hazard_extent(hazard, values, threshold)
 
 
 def _factor(study: Study, name: str) -> str:
@@ -139,7 +150,7 @@ def _sampled(hazard: "xr.Dataset") -> str:
     error = hazard["thickness_exceedance_standard_error"].sel(lowest).values
     p = hazard["thickness_exceedance_probability"].sel(lowest).values
     band = hazard_extent(hazard, p + error, 0.5) - hazard_extent(hazard, p - error, 0.5)
-    return f"; standard error from the number of members {quantity(band / 2, 'km²', 2)}"
+    return f"; standard error from the number of members {area(band / 2)}"
 
 
 def heading(study: Study) -> list[tuple[str, str]]:

@@ -174,6 +174,22 @@ def draw_colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: M
     bar.outline.set_linewidth(0.5)
 
 
+def scale_ticks(norm: Any, style: MapStyle) -> list[tuple[float, str]]:
+    """Numbers along a colour bar: bound of the class from 0 on, or value of a continuous scale, and the label."""
+    bounds = getattr(norm, "boundaries", None)
+    if style.label == STYLES["annual_rate"].label and bounds is not None:
+        return [(k, f"1/{1.0 / bound:.0f}") for k, bound in enumerate(bounds) if 0.0 < bound < 1.0]
+    if bounds is not None:
+        return [(k, f"{round(float(bound), 6):g}") for k, bound in enumerate(bounds)]
+    if style.logarithmic and norm.vmin > 0.0:
+        values = _logarithmic_ticks(norm.vmin, norm.vmax)
+    else:
+        from matplotlib.ticker import MaxNLocator
+
+        values = [float(v) for v in MaxNLocator(5).tick_values(norm.vmin, norm.vmax) if norm.vmin <= v <= norm.vmax]
+    return [(value, f"{value:g}") for value in values]
+
+
 def _logarithmic_ticks(low: float, high: float) -> list[float]:
     """At most seven round numbers from ``low`` to ``high``."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)

@@ -66,6 +66,11 @@ def volume(value: float, digits: int = 3) -> str:
     return f"{number(value / 1e6, digits)}{THIN}million m³" if abs(value) >= 1e6 else quantity(value, "m3", digits)
 
 
+def area(value: float) -> str:
+    """Area of ``value`` km², in m² below 0.1 km²."""
+    return quantity(value, "km²") if value == 0 or abs(value) >= 0.1 or not math.isfinite(value) else quantity(1e6 * value, "m2")
+
+
 def span(values: list[float], printed: str = "") -> str:
     """Range of finite values; one number if all are equal."""
     known = [v for v in values if v is not None and math.isfinite(v)]

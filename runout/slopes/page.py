@@ -3,17 +3,17 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout import __version__
 from runout.palettes import palette_of
-from runout.report.html import embedded, render
-from runout.report.maps import Basemap, draw_map
+from runout.report.html import render
+from runout.report.maps import Basemap
 from runout.report.marks import Mark
-from runout.report.picture import MapPictures, png
 from runout.report.values import STYLES, MapStyle
+from runout.report.vector_map import VectorMaps
 from runout.report.wording import number, quantity
 from runout.slopes.infinite_slope import LARGEST_FACTOR
 from runout.slopes.terrain_figures import LISTED
@@ -69,6 +69,8 @@ def slopes_page(
 ) -> str:
     """HTML text of one self-contained page; ``maps`` are those of the NetCDF file by name."""
     (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    ground, step = basemap(terrain, patches, figures.sinks[:MARKED])
+    drawn = VectorMaps(ground, ground.whole)
     return render(
         {
             "title": name,
@@ -80,7 +82,8 @@ def slopes_page(
             "lines": [line for line in lines if not line.startswith("release ")],
             "patches": [_patch_cells(patch) for patch in patches],
             "sinks": [_sink_cells(sink) for sink in figures.sinks[:LISTED]],
-            "sheets": list(_sheets(terrain, maps, patches, figures.sinks[:MARKED])),
+            "definitions": drawn.definitions(),
+            "sheets": list(_sheets(drawn, maps, step)),
             "changes": terrain.changes,
         },
         TEMPLATE,
@@ -105,26 +108,16 @@ def _sink_cells(sink: "Sink") -> list[str]:
     return [place, quantity(sink.depth, "m"), quantity(sink.area, "m2"), quantity(sink.volume, "m3")]
 
 
-def basemap(terrain: "Terrain", patches: "Sequence[Patch]" = ()) -> tuple[Basemap, int]:
+def basemap(terrain: "Terrain", patches: "Sequence[Patch]" = (), sinks: "Sequence[Sink]" = ()) -> tuple[Basemap, int]:
     """Ground and outlines under the maps, and the step by which rows and columns are thinned out."""
     step = max(1, math.ceil(math.sqrt(terrain.elevation.size / MOST_CELLS)))
+    ground = terrain.easting[::step], terrain.northing[::step], terrain.elevation[::step, ::step]
     outlines = [patch.outline for patch in patches]
-    return Basemap(terrain.easting[::step], terrain.northing[::step], terrain.elevation[::step, ::step], outlines), step
+    return Basemap(*ground, outlines, observed=[Mark(sink.outline, "") for sink in sinks]), step
 
 
-def _with_sinks(base: Basemap, sinks: "Sequence[Sink]") -> Basemap:
-    """The basemap with the outlines of sinks in place of releases."""
-    return replace(base, outlines=[], observed=[Mark(sink.outline, "") for sink in sinks])
-
-
-def _sheets(
-    terrain: "Terrain", maps: Mapping[str, np.ndarray], patches: "Sequence[Patch]", sinks: "Sequence[Sink]"
-) -> Iterator[dict[str, str | None]]:
-    base, step = basemap(terrain, patches)
-    pictures = MapPictures(base, base.whole)
+def _sheets(maps: VectorMaps, values: Mapping[str, np.ndarray], step: int) -> Iterator[dict[str, Any]]:
     for name, (title, style, caption) in SHEETS.items():
-        if name in maps:
-            values = maps[name][::step, ::step]
-            marked = name == "sink_depth" and sinks
-            image = embedded(png(draw_map(_with_sinks(base, sinks), values, style)) if marked else pictures.png(values, style))
-            yield {"title": title, "caption": caption, "image": image}
+        if name in values:
+            drawn = maps.drawn(values[name][::step, ::step], style, f"Map: {title}")
+            yield {"title": title, "caption": caption, "map": drawn}

@@ -16,7 +16,7 @@ from runout.errors import ConfigError, ExitCode
 from runout.hazard.outline_style import screen_styles
 from runout.io.atomic import whole_file, write_json
 from runout.io.vector import outline, write_layers
-from runout.report.picture import DPI, png
+from runout.report.maps import DPI, png
 from runout.slopes.choices import MassWasting
 from runout.slopes.choices import record as record_of
 from runout.slopes.drainage import Drainage, drainage

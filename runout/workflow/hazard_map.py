@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
-    from runout.report.elsewhere import Helpers
     from runout.report.stills import Stills
 
 LOGGER = logging.getLogger("runout.hazard_map")
@@ -177,7 +176,7 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
         if "ensemble" in [stage.name for stage in stages] and study.left and not study.cluster:
             _start_ahead(study, processes)
         _require_sound(study, stages)
-        done = _run_stages(study, stages, force, processes)
+        done = _run_stages(study, stages, force)
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
     study.keep()
@@ -198,7 +197,7 @@ def _start_ahead(study: Study, processes: ExitStack) -> None:
         study.standby = processes.enter_context(Standby(share.workers, share.threads))
 
 
-def _run_stages(study: Study, stages: Sequence[Stage], force: bool, processes: ExitStack) -> tuple[str, ...]:
+def _run_stages(study: Study, stages: Sequence[Stage], force: bool) -> tuple[str, ...]:
     """Names of the stages that were not up to date, after running them."""
     done = []
     for stage in stages:
@@ -208,21 +207,11 @@ def _run_stages(study: Study, stages: Sequence[Stage], force: bool, processes: E
             continue
         LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
         started = time.perf_counter()
-        if stage.name in ("hazard", "report") and stages[-1].name == "report" and study.helpers is None:
-            study.helpers = processes.enter_context(_helpers())  # they start while this process makes the maps
         with imported_meanwhile(OF_PRODUCTS) if stage.name == "ensemble" and _waits_for_workers(study, stages) else nullcontext():
             _make(study, stage)
         LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
         done.append(stage.name)
     return tuple(done)
-
-
-def _helpers() -> "Helpers":
-    """Processes that draw for this one, one for two further cores: on two alone their imports take as long as they save."""
-    from runout.ensemble.machine import core_count
-    from runout.report.elsewhere import Helpers
-
-    return Helpers(core_count() // 2 - 1)
 
 
 def _waits_for_workers(study: Study, stages: Sequence[Stage]) -> bool:
@@ -345,7 +334,7 @@ def make_report(study: Study) -> Iterable[Path]:
     from runout.report.html import write_report
 
     study.require_maps()
-    return [write_report(study.site, study.results, _stills(study), study.helpers)]
+    return [write_report(study.site, study.results, _stills(study))]
 
 
 def _stills(study: Study) -> "Callable[[pd.DataFrame], Stills] | None":

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from runout.ensemble.status import Standing
     from runout.ensemble.written import Written
     from runout.model.terrain import Terrain
-    from runout.report.elsewhere import Helpers
     from runout.workflow.growth import Growth
 
 HEAD = ("name", "title", "description", "metadata")
@@ -55,7 +54,6 @@ class Study:
     cluster: "Cluster | None" = None
     compilation: "Compilation | None" = field(default=None, repr=False)
     standby: "Standby | None" = field(default=None, repr=False)
-    helpers: "Helpers | None" = field(default=None, repr=False)
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
     _watched_observations: Unchanged | None = field(default=None, init=False, repr=False)
 

@@ -103,11 +103,11 @@ def test_members_have_their_own_values_by_number(study, made, results):
     assert "basal friction angle [°]: 12" in content.members[0]
 
 
-def test_first_map_is_the_probability_of_half_a_metre(made):
+def test_first_map_is_the_probability_of_the_threshold_of_the_first_screen(made, study):
     content = content_of(made)
     family, level = content.first
     assert content.families[family]["name"] == "thickness_exceedance_probability"
-    assert content.families[family]["levels"][level].startswith("≥\N{NO-BREAK SPACE}0.5")
+    assert content.families[family]["levels"][level].startswith(f"≥\N{NO-BREAK SPACE}{study.threshold:g}")
 
 
 def test_cells_and_pictures_lie_where_the_raster_lies(study, made):

@@ -6,13 +6,11 @@ import pytest
 from matplotlib.image import imread
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
-from PIL import Image
 from shapely.geometry import LineString, Point, box
 
 from runout.palettes import PROBABILITY_LEVELS, palette_of
-from runout.report.maps import Basemap, draw_location, draw_map, round_length
+from runout.report.maps import Basemap, draw_map, png, round_length
 from runout.report.marks import Mark
-from runout.report.picture import MapPictures, encoded, png
 from runout.report.values import STYLES, colour_scale
 
 N = 60
@@ -26,7 +24,6 @@ def basemap():
 
 def rgb_at(figure, easting, northing):
     """Colour of the pixel of a map position."""
-    from io import BytesIO
 
     picture = imread(BytesIO(png(figure, dpi=100)))
     axes = figure.axes[0]
@@ -150,12 +147,12 @@ def test_labels_of_small_structures_cover_no_structure_and_no_other_label(basema
 def test_every_letter_of_a_map_is_ten_pixels_high_on_a_phone(basemap, width):
     marked = replace(basemap, obstacles=[Mark(box(5300, 8600, 5360, 8620), "+8 m")])
     window = slice(0, N), slice(0, max(3, round(N * width)))
-    for figure in (draw_map(marked, np.ones((N, N)), STYLES["speed"], window, "Speed"), draw_location(marked, window)):
-        figure.canvas.draw()
-        shown = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
-        assert len(shown) >= 8
-        pixels_per_inch = 350 / figure.get_figwidth()
-        assert min(text.get_fontsize() for text in shown) / 72 * pixels_per_inch >= 10.0
+    figure = draw_map(marked, np.ones((N, N)), STYLES["speed"], window, "Speed")
+    figure.canvas.draw()
+    shown = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+    assert len(shown) >= 8
+    pixels_per_inch = 350 / figure.get_figwidth()
+    assert min(text.get_fontsize() for text in shown) / 72 * pixels_per_inch >= 10.0
 
 
 def test_logarithmic_colours_span_at_most_three_decades():
@@ -196,30 +193,6 @@ def test_the_scale_bar_is_a_round_length_of_at_most_a_quarter():
     assert round_length(8000.0) == 2000.0
     assert round_length(790.0) == 100.0
     assert round_length(2100.0) == 500.0
-
-
-def test_the_location_map_shows_the_whole_raster(basemap):
-    figure = draw_location(basemap, (slice(10, 30), slice(10, 30)))
-    assert figure.axes[0].get_xlim() == (4995.0, 5595.0)
-    assert figure.axes[0].get_ylim() == (8405.0, 9005.0)
-
-
-def test_maps_that_share_their_ground_equal_maps_drawn_alone(basemap):
-    """A map that is drawn twice shows nothing of the maps drawn in between."""
-    holes = basemap.elevation.copy()
-    holes[:5] = np.nan
-    marked = replace(basemap, elevation=holes, zones=[Mark(box(5400, 8650, 5500, 8750), "friction 8°")])
-    window, values = (slice(0, 50), slice(10, 60)), np.hypot(*np.indices((N, N)))
-    pictures = MapPictures(marked, window)
-    for name in ("thickness", "probability", "pressure", "time", "thickness"):
-        assert pictures.png(values, STYLES[name]) == png(draw_map(marked, values, STYLES[name], window))
-
-
-def test_compressed_pictures_hold_every_pixel():
-    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 3), dtype=np.uint8)
-    with Image.open(BytesIO(encoded(pixels))) as read:
-        assert read.format == "PNG"
-        assert np.array_equal(np.asarray(read), pixels)
 
 
 def test_labels_of_a_probe_and_a_gauge_at_one_point_do_not_cover_each_other(basemap):

@@ -4,7 +4,7 @@ import pytest
 
 from runout.forecast.accuracy import expected_errors
 from runout.report.structures import LoadError
-from runout.report.wording import number, number_within, percent, quantity, span, volume
+from runout.report.wording import area, number, number_within, percent, quantity, span, volume
 
 
 def test_numbers_carry_three_significant_digits_and_thin_spaces():
@@ -29,6 +29,12 @@ def test_units_are_printed_as_people_write_them():
 def test_large_volumes_are_printed_in_millions():
     assert volume(36.04e6) == "36\u202fmillion m³"
     assert volume(22481) == "22\u202f500\u202fm³"
+
+
+def test_small_areas_are_printed_in_square_metres():
+    assert area(1.144) == "1.14\u202fkm²"
+    assert area(0.00877) == "8\u202f770\u202fm²"
+    assert area(0.0) == "0\u202fkm²"
 
 
 def test_a_span_of_equal_values_is_one_number_and_ignores_unknown_ones():

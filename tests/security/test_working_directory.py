@@ -12,7 +12,6 @@ from ramp_site import write_site
 
 from runout import cli
 from runout.processes.lifetime import import_path, interrupts_kept, python_command
-from runout.report.elsewhere import COMMAND as DRAW
 from runout.view.process import RENDERER
 
 # what a command or one of its processes imports, and names of files that Python or a library reads where it starts
@@ -81,7 +80,7 @@ def test_doctor_and_the_processes_that_it_starts_import_nothing(folder):
     assert marks(folder) == ""
 
 
-@pytest.mark.parametrize("code", [DRAW, RENDERER, "import warp", "import pickle, numpy, numba, matplotlib.figure"])
+@pytest.mark.parametrize("code", [RENDERER, "import warp", "import pickle, numpy, numba, matplotlib.figure"])
 def test_child_processes_import_nothing_from_the_working_directory(folder, code, monkeypatch):
     monkeypatch.chdir(folder)
     environment = {**os.environ, "PYTHONPATH": import_path()}

@@ -172,7 +172,7 @@ def test_the_report_shows_scores_members_and_maps(observed_site, finished_site):
     page = (observed_site[0] / "results" / "report.html").read_text()
     for words in ("outline of the flow", "energy line error", "DEM of difference", "Observed deposit", "Scores of every member"):
         assert words in page
-    assert 'title="sampled parameter"' in page.split("Scores of every member")[1].split('id="members"')[0]
+    assert "<dd>sampled parameter</dd>" in page.split("Scores of every member")[1].split('id="members"')[0]
     assert "blue is what was observed" in page
     assert "Observed deposit" not in (finished_site[0] / "results" / "report.html").read_text()
 

@@ -102,7 +102,7 @@ def test_annual_maps_are_those_of_the_members(site):
     assert (yearly > 0).any()
     text = (results / "report.html").read_text(encoding="utf-8")
     assert "annual rates and conditional probabilities" in text
-    assert "Peak flow thickness, return period 100 years" in text
+    assert "Area reached once in 100 years or more often" in text
     assert "No events beyond the scenarios" in text
 
 

@@ -1,0 +1,74 @@
+"""The report in Chromium: it asks no host, reports no error, fits a phone, prints on whole pages and passes the checks of axe."""
+
+import base64
+import re
+import shutil
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from browser import CHROMIUM, Page
+
+from runout.report.html import write_report
+
+AXE = find_spec("axe_core_python")
+LEAST_CHECKS = 15  # of axe, that find something to check on the page
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium")
+READY = "document.documentElement?.dataset.explorer === 'ready'"
+WIDE = """(() => {
+    const beyond = (element) => element.getBoundingClientRect().right > document.documentElement.clientWidth + 1;
+    const own = (element) => !element.closest(".scroll, .explorer, svg, .skip");
+    const wide = [...document.querySelectorAll("body *")].filter((element) => beyond(element) && own(element));
+    return wide.slice(0, 5).map((element) => element.outerHTML.slice(0, 90));
+})()"""
+
+
+@pytest.fixture(scope="module")
+def path(site, results):
+    return write_report(site, results)
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_page_asks_no_host_reports_no_error_and_does_not_scroll_sideways(path, width, tmp_path):
+    with Page(tmp_path, width=width) as page:
+        page.open(path, READY)
+        assert page.run("document.documentElement.scrollWidth") <= width
+        assert page.run(WIDE) == []
+        assert page.errors == []
+        assert page.requests == []
+        assert page.run("getComputedStyle(document.querySelector('.sheets')).display") == "none"
+
+
+@pytest.mark.skipif(AXE is None, reason="needs axe-core-python, of the extra test")
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_axe_finds_no_violation_of_wcag(path, dark, tmp_path):
+    axe = (Path(AXE.origin).parent / "axe.min.js").read_text(encoding="utf-8")
+    rules = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}"
+    with Page(tmp_path, dark=dark) as page:
+        page.open(path, READY)
+        page.run(f"{axe};0")
+        violations = "r.violations.map((v) => [v.id, v.nodes.map((n) => n.html)])"
+        answer = f"axe.run(document, {rules}).then((r) => [r.passes.length, {violations}])"
+        passed, violations = page.run(answer)
+        assert page.run("matchMedia('(prefers-color-scheme: dark)').matches") is dark
+    assert passed >= LEAST_CHECKS
+    assert violations == []
+
+
+def test_the_print_has_one_sheet_a_map_and_no_empty_page(path, tmp_path):
+    printed = tmp_path / "report.pdf"
+    with Page(tmp_path / "profile") as page:
+        page.open(path, READY)
+        answer = page.call("Page.printToPDF", preferCSSPageSize=True)
+    printed.write_bytes(base64.b64decode(answer["data"]))
+    pages = len(re.findall(rb"/Type /Page\b", printed.read_bytes()))
+    assert 7 <= pages <= 14
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext on this machine: pages are counted, not read")
+    texts = subprocess.run(["pdftotext", "-layout", str(printed), "-"], capture_output=True, text=True, check=True).stdout.split(
+        "\f"
+    )
+    assert all(f"{k} / {pages}" in text for k, text in enumerate(texts[:pages], 1))
+    assert all(len(text.split()) > 25 for text in texts[:pages]), "no empty page"
+    assert [number for text in texts for number in re.findall(r"\b(\d) of 5\b", text)] == list("12345")
