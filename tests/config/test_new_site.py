@@ -263,7 +263,7 @@ def test_the_folder_in_which_a_shell_stands_is_filled_and_stays(tmp_path, inputs
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     assert read_site(new_site(".", inputs / "dem.asc", inputs / "release.geojson")).name == "here"
-    assert sorted(os.listdir(".")) == ["inputs", "site.yaml"]
+    assert sorted(os.listdir(".")) == [".site.schema.json", "inputs", "site.yaml"]
     assert not [name for name in os.listdir(tmp_path) if name.endswith(".part")]
 
 
