@@ -34,7 +34,7 @@ def new(
     cell_size: Annotated[float | None, Parameter(help="Grid spacing [m] [default: cells of the DEM].")] = None,
     session: Injected,
 ) -> int:
-    """Make a site folder: a commented site.yaml and inputs/. On a terminal, `runout new` or `runout new FOLDER` alone asks for all."""
+    """Make a site folder: a commented site.yaml and inputs/. At a terminal, `runout new` alone asks for all."""
     from runout.config.scaffold import new_site
 
     made = new_site(folder, dem, release, thickness, crs=crs, layer=layer, process=process, cell_size=cell_size)

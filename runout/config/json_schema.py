@@ -1,7 +1,8 @@
 """JSON schema of site.yaml for editors, which complete and underline with it.
 
 Pydantic makes it from the settings. Here come the parts that the readers check by functions: the laws, parameters of a release,
-sampled parameters, and keys of which one is needed. What needs other files, or sums over several blocks, only ``runout check`` tests.
+sampled parameters, and keys of which one is needed. What needs other files or
+several blocks, only ``runout check`` tests.
 """
 
 import json
@@ -30,8 +31,15 @@ OWN = {  # parts of site.yaml that hold parameters of a law without its name: mo
     ("InflowSettings", "material"): "MaterialSettings",
     ("InflowSettings", "basal_friction"): "FrictionSettings",
 }
-REASONED = {"SiteSettings": "site", "TerrainSettings": "terrain", "ReleaseSettings": "release", "PorePressureSettings": "pore_pressure",
-            "BedSettings": "bed", "SimulationSettings": "simulation", "EnsembleSettings": "ensemble", "HazardSettings": "hazard"}  # fmt: skip
+REASONED = {  # blocks of reasons.yaml, by model
+    "TerrainSettings": "terrain",
+    "ReleaseSettings": "release",
+    "PorePressureSettings": "pore_pressure",
+    "BedSettings": "bed",
+    "SimulationSettings": "simulation",
+    "EnsembleSettings": "ensemble",
+    "HazardSettings": "hazard",
+}
 NOT_FOR_EDITORS = ("title", "unit", "hint")  # keywords that pydantic writes
 
 
@@ -54,8 +62,9 @@ def site_schema() -> dict[str, Any]:
         _sampled(models[model]["properties"]["parameters"], fixed=model == "ScenarioSettings")
     _name_schemes(models["HazardSettings"]["properties"]["scheme"])
     _need_one_of(schema, models)
-    for model, block_name in REASONED.items():
-        _reason(schema if model == "SiteSettings" else models[model], block_name)
+    _reason(schema, "site")
+    for model, name in REASONED.items():
+        _reason(models[model], name)
     return {"$schema": SCHEMA, "title": "site.yaml of runout", **_plain(schema)}
 
 

@@ -12,15 +12,17 @@ from qgis import core
 from .command import run
 from .layers import add_results, exported, file_name, raster_file
 
+NONE = "none"
 PROCESSES = ("rock_avalanche", "ice_rock_avalanche", "debris_flow", "hillslope_debris_flow", "mud_flow", "snow_avalanche")
 POLYGONS, LINES, POINTS = (
     core.QgsProcessing.TypeVectorPolygon,
     core.QgsProcessing.TypeVectorLine,
     core.QgsProcessing.TypeVectorPoint,
 )
+ENUM = partial(core.QgsProcessingParameterEnum, usesStaticStrings=True)
 FIELD = partial(core.QgsProcessingParameterField, type=core.QgsProcessingParameterField.Numeric, optional=True)
 FOLDER = partial(core.QgsProcessingParameterFile, behavior=core.QgsProcessingParameterFile.Folder)
-LAYER, NEW_FOLDER = core.QgsProcessingParameterFeatureSource, core.QgsProcessingParameterFolderDestination
+LAYER = core.QgsProcessingParameterFeatureSource
 NUMBER = partial(core.QgsProcessingParameterNumber, type=core.QgsProcessingParameterNumber.Double, defaultValue=None, optional=True)
 TEXT = partial(core.QgsProcessingParameterString, optional=True)
 WHOLE = partial(NUMBER, type=core.QgsProcessingParameterNumber.Integer)
@@ -78,7 +80,7 @@ class Algorithm(core.QgsProcessingAlgorithm):
                 values = self.values(parameters, name, context, folder)
                 words += [option, *values] if values and option else values
             lines = run(words, feedback)
-        results = site / self.writes if self.writes else Path(self.parameterAsString(parameters, "FOLDER", context))
+        results = Path(words[words.index("--out") + 1]) if "--out" in words else site / self.writes
         if self.parameterDefinition("OPEN") and self.parameterAsBool(parameters, "OPEN", context):
             self.opened = results
         page = {"PAGE": str(results / self.page)} if self.page else {}
@@ -93,7 +95,7 @@ class Algorithm(core.QgsProcessingAlgorithm):
         if kind in ("layer", "source"):
             return [self.written(parameters, name, context, folder)] if value not in (None, "") else []
         if kind == "enum":
-            return [self.parameterAsEnumString(parameters, name, context)]
+            return [text] if (text := self.parameterAsEnumString(parameters, name, context)) != NONE else []
         if kind == "crs":
             return [text] if (text := self.parameterAsCrs(parameters, name, context).authid()) else []
         text = self.parameterAsString(parameters, name, context)
@@ -127,9 +129,9 @@ class New(Algorithm):
         partial(LAYER, "RELEASE", "Release polygons", [POLYGONS]),
         partial(FIELD, "FIELD", "Field with the thickness [m]", parentLayerParameterName="RELEASE"),
         partial(NUMBER, "THICKNESS", "Thickness for all polygons [m]", minValue=1e-5),
-        partial(core.QgsProcessingParameterEnum, "PROCESS", "Process", PROCESSES, False, "debris_flow", usesStaticStrings=True),
+        partial(ENUM, "PROCESS", "Process with published values", (NONE, *PROCESSES), defaultValue=NONE),
         partial(core.QgsProcessingParameterCrs, "CRS", "Coordinate system of an elevation file that states none", optional=True),
-        partial(NEW_FOLDER, "SITE", "Folder of the new site"),
+        partial(FOLDER, "SITE", "Folder of the new site; a folder that is there must be empty"),
     )
     passed = {"DEM": "--dem", "RELEASE": "--release", "FIELD": "--thickness", "THICKNESS": "--thickness"}
     passed |= {"PROCESS": "--process", "CRS": "--crs"}
@@ -150,7 +152,7 @@ class Run(Algorithm):
     inputs = (
         SITE,
         partial(WHOLE, "WORKERS", "Members at once (default: one for each core)", minValue=1),
-        partial(TEXT, "BUDGET", "Choose cells and members that fit into a time, such as 30min"),
+        partial(TEXT, "BUDGET", "Time that cells and members must fit into (30min)"),
         OPEN,
     )
     passed = {"WORKERS": "--workers", "BUDGET": "--budget"}
@@ -173,9 +175,7 @@ class Open(Algorithm):
 
 
 class WhatIf(Algorithm):
-    """Runs a site for values of parameters, on coarse cells by default. Writes a page with a map, a slider over the values, and what
-    they change. It continues where it was ended.
-    """
+    """Runs a site for values of parameters, on coarse cells by default: a page with a map, a slider and what they change."""
 
     command, title, writes, page = "what-if", "What if: values of parameters", "", "what_if.html"
     inputs = (
@@ -183,7 +183,7 @@ class WhatIf(Algorithm):
         partial(TEXT, "VALUES", "Values, such as basal_mu=0.05:0.2:0.05 or release_volume_factor=0.5,1,2", optional=False),
         partial(TEXT, "BUDGET", "Time of all runs", "5min"),
         partial(NUMBER, "CELL_SIZE", "Grid spacing [m] (default: cells that fit into the time)", minValue=1e-3),
-        partial(NEW_FOLDER, "FOLDER", "Page and runs"),
+        partial(FOLDER, "FOLDER", "Folder for page and runs, new or of an earlier call"),
     )
     passed = {"VALUES": "", "BUDGET": "--budget", "CELL_SIZE": "--cell-size", "FOLDER": "--out"}
 
@@ -197,7 +197,7 @@ class Compare(Algorithm):
         partial(FOLDER, "OTHER", "Against this site or these results", optional=True),
         partial(core.QgsProcessingParameterMapLayer, "LAYER", "Against this raster, outline or these points", optional=True),
         OPEN,
-        partial(NEW_FOLDER, "FOLDER", "Page and maps"),
+        partial(core.QgsProcessingParameterFolderDestination, "FOLDER", "Page and maps"),
     )
     passed = {"OTHER": "", "LAYER": "", "FOLDER": "--out"}
 

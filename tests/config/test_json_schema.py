@@ -22,7 +22,14 @@ from runout.config.process_ranges import processes
 from runout.config.read import changed_document, checked, load
 from runout.config.reasons import reasons
 from runout.config.scaffold import new_site
-from runout.config.schema import EnsembleSettings, HazardSettings, ReleaseSettings, SimulationSettings, SiteSettings, TerrainSettings
+from runout.config.schema import (
+    EnsembleSettings,
+    HazardSettings,
+    ReleaseSettings,
+    SimulationSettings,
+    SiteSettings,
+    TerrainSettings,
+)
 from runout.config.scheme import names
 from runout.errors import ConfigError, ExitCode
 
@@ -135,7 +142,9 @@ def test_schema_and_loader_refuse_a_bad_change(schema, good_site, change):
     with pytest.raises(ConfigError):
         checked(document, good_site)
     errors = list(schema.iter_errors(document.values))
-    assert any(word in json.dumps([error.message, str(error.instance), list(map(str, error.absolute_path))]) for error in errors), errors
+    assert any(word in json.dumps([error.message, str(error.instance), list(map(str, error.absolute_path))]) for error in errors), (
+        errors
+    )
 
 
 def test_the_schema_underlines_no_odd_site_that_the_loader_reads(tmp_path, schema):
@@ -178,7 +187,9 @@ def test_every_key_has_a_description_and_no_block_takes_unknown_keys(schema):
     assert len(keys) > 300
     assert [name for name, one in keys if not one.get("description")] == []
     blocks = [schema.schema, *schema.schema["$defs"].values()]
-    opened = [one.get("title", one) for one in blocks if one.get("type") == "object" and one.get("additionalProperties") is not False]
+    opened = [
+        one.get("title", one) for one in blocks if one.get("type") == "object" and one.get("additionalProperties") is not False
+    ]
     assert opened == []
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 ARCHIVE, FOLDER, COMMAND = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
 PLUGINS = FOLDER / "profile" / "python" / "plugins"
-os.environ |= {"QT_QPA_PLATFORM": "offscreen", "QGIS_CUSTOM_CONFIG_PATH": str(FOLDER / "profile")}
+os.environ |= {"QT_QPA_PLATFORM": "offscreen", "QGIS_CUSTOM_CONFIG_PATH": str(FOLDER / "profile"), "XDG_CONFIG_HOME": str(FOLDER)}
 # what QGIS of Windows and macOS sets; the command must not see it
 os.environ |= {"PROJ_DATA": "/nowhere", "PROJ_LIB": "/nowhere", "GDAL_DATA": "/nowhere", "PYTHONHOME": "/nowhere"}
 del os.environ["PROJ_DATA"], os.environ["PROJ_LIB"], os.environ["GDAL_DATA"]  # before QGIS itself starts
@@ -50,9 +50,9 @@ class Feedback(core.QgsProcessingFeedback):
     def pushInfo(self, text):
         self.lines.append(text)
 
-    pushWarning = pushCommandInfo = pushInfo  # noqa: N815
+    pushWarning = pushCommandInfo = pushInfo
 
-    def reportError(self, text, fatalError=False):  # noqa: N803
+    def reportError(self, text, fatalError=False):
         self.lines.append(f"ERROR {text}")
 
 
@@ -158,7 +158,7 @@ say("twice", call("new", **stated, FIELD="depth", THICKNESS=3.0))
 say("new", call("new", **stated, FIELD="depth"))
 edited(site, members="4", end_time="soon")
 say("bad", call("check", SITE=str(site)))
-edited(site, end_time="20")
+edited(site, end_time="8")
 say("check", call("check", SITE=str(site)))
 say("early", call("open_results", SITE=str(site)))
 say("cancel", cancelled(site))
@@ -167,7 +167,9 @@ tree = core.QgsProject.instance().layerTreeRoot()
 drawn = {one.name(): type(one.renderer()).__name__ for one in core.QgsProject.instance().mapLayers().values()}
 say("layers", {"groups": [one.name() for one in tree.children()], "drawn": drawn})
 middle = NORTH - 120
-say("profile", call("profile", SITE=str(site), LINE=layer("LineString", f"LINESTRING({WEST + 60} {middle}, {WEST + 400} {middle})")))
+say(
+    "profile", call("profile", SITE=str(site), LINE=layer("LineString", f"LINESTRING({WEST + 60} {middle}, {WEST + 400} {middle})"))
+)
 say("probe", call("probe", SITE=str(site), POINTS=layer("Point", f"POINT({WEST + 200} {middle})"), MEMBER=1))
 say("compare", call("compare", SITE=str(site), LAYER=layer("Polygon", box(50, -170, 300, -70)), FOLDER=str(FOLDER / "scores")))
 say("calibrate", call("calibrate", SITE=str(site)))
@@ -175,8 +177,9 @@ recorder = FOLDER / "recorder.sh"
 recorder.write_text('#!/bin/sh\nfor word in "$@"; do echo "word $word"; done\n')
 recorder.chmod(0o755)
 ProcessingConfig.setSettingValue("RUNOUT_COMMAND", str(recorder))
-say("what_if", call("what_if", SITE=str(site), VALUES="basal_mu=0.05:0.2:0.05 bulking=1,2", CELL_SIZE=12.5, FOLDER=str(FOLDER / "if"),
-                    OPTIONS="--one-at-a-time"))  # fmt: skip
+values = {"VALUES": "basal_mu=0.05:0.2:0.05 bulking=1,2", "CELL_SIZE": 12.5, "FOLDER": str(FOLDER / "if")}
+say("what_if", call("what_if", SITE=str(site), **values, OPTIONS="--one-at-a-time"))
 core.QgsProject.instance().clear()
 say("open", call("open_results", SITE=str(site)))
-application.exitQgis()
+sys.stdout.flush()
+os._exit(0)  # QGIS may crash when the interpreter frees its objects
