@@ -118,8 +118,8 @@ class Process:
 
     @property
     def of_friction(self) -> list[PublishedRange]:
-        """Ranges of its basal friction."""
-        return [r for r in self.variant.ranges if r.key.startswith(OF_FRICTION)]
+        """Ranges of its basal friction, and of the pore pressure that lowers it."""
+        return [r for r in self.variant.ranges if r.key.startswith((OF_FRICTION, OF_PORE_PRESSURE))]
 
     def applied(self, site: Mapping[str, Any], other: int | None = None) -> dict[str, Any]:
         """Settings of a site with those of the process; ``other`` is the number of another law or a part that is added."""

@@ -24,7 +24,8 @@ OF_QGIS = ("PYTHONHOME", "PYTHONPATH", "PROJ_DATA", "PROJ_LIB", "GDAL_DATA", "GD
 WINDOWS = sys.platform == "win32"
 OK, PARTIAL = 0, 3  # exit codes: all is done; some members failed
 GRACE = 10.0  # [s] between the request to end and the end by force
-FINISHED = re.compile(r"^members?\b.*?\b(\d+) (?:of|/) (\d+)\b(?! members)")
+STAGES = {"terrain": 2.0, "release": 4.0, "ensemble": 90.0, "hazard": 97.0, "report": 100.0}  # [%] when each is done
+MEMBERS = (re.compile(r"^member .* (\d+) of (\d+)$"), re.compile(r", (\d+) of (\d+) members, \d+ %"))  # that are done
 PROBLEM = re.compile(r"^(problem |error: )")
 INSTALL = (
     "Install it in an environment of its own, for example with `pipx install runout`; then name the path of the command, or of the "
@@ -96,8 +97,11 @@ def problems(lines: Sequence[str]) -> str:
 
 def progress(line: str) -> float | None:
     """Finished share [%] of a run that a line states; None if it states none."""
-    stated = FINISHED.match(line)
-    return 95.0 * int(stated[1]) / max(int(stated[2]), 1) if stated else None
+    if (stage := line.partition(": done in ")[0]) in STAGES and stage != line:
+        return STAGES[stage]
+    stated = next(filter(None, (form.search(line) for form in MEMBERS)), None)
+    before, after = STAGES["release"], STAGES["ensemble"]
+    return None if stated is None else before + (after - before) * int(stated[1]) / max(int(stated[2]), 1)
 
 
 def _show(line: str, feedback: core.QgsProcessingFeedback) -> None:

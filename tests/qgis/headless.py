@@ -144,6 +144,17 @@ say("load", {"loaded": utils.loadPlugin("runout_qgis"), "started": utils.startPr
 provider = application.processingRegistry().providerById("runout")
 say("provider", {"algorithms": sorted(one.name() for one in provider.algorithms()),
                  "help": [one.shortHelpString() for one in provider.algorithms()]})  # fmt: skip
+from runout_qgis import command  # noqa: E402
+
+lines = (
+    "terrain: done in 0.9 s",
+    "member 4 (5c2e6e) done in 5.3 s, 1 of 2",
+    "stage 3 of 5, ensemble, 4 of 16 members, 25 %, 60 s left",
+    "8 of 8 members to simulate, 2 at a time",
+    "release: 22% of 6.9e+06 m3",
+    "terrain",
+)
+say("progress", {"shares": [command.progress(line) for line in lines]})
 elevation, release = dem(), layer("Polygon", box(50, -150, 110, -90), depth=8.0)
 site = FOLDER / "ramp site"
 stated = {"DEM": elevation, "RELEASE": release, "PROCESS": "debris_flow", "SITE": str(site)}
@@ -156,9 +167,9 @@ say("wrong", call("new", **stated, FIELD="depth"))
 ProcessingConfig.setSettingValue("RUNOUT_COMMAND", COMMAND)
 say("twice", call("new", **stated, FIELD="depth", THICKNESS=3.0))
 say("new", call("new", **stated, FIELD="depth"))
-edited(site, members="4", end_time="soon")
+edited(site, members="2", end_time="soon")
 say("bad", call("check", SITE=str(site)))
-edited(site, end_time="8")
+edited(site, end_time="5")
 say("check", call("check", SITE=str(site)))
 say("early", call("open_results", SITE=str(site)))
 say("cancel", cancelled(site))
