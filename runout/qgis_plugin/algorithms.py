@@ -39,8 +39,11 @@ class Algorithm(core.QgsProcessingAlgorithm):
     """
 
     command, title = "", ""
-    inputs, passed, one_of, files, writes, page = (SITE,), {}, (), "", "results", ""
-    opened = None
+    inputs: tuple = (SITE,)
+    passed: dict = {}
+    one_of: tuple = ()
+    files, writes, page = "", "results", ""
+    opened: Path | None = None
 
     def createInstance(self):
         return type(self)()

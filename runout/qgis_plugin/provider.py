@@ -18,8 +18,7 @@ MEANING = "Command runout, Python of its environment, or folder of that (default
 class Plugin:
     """What QGIS loads: it adds the provider and takes it away."""
 
-    def __init__(self) -> None:
-        self.provider = None
+    provider: QgsProcessingProvider
 
     def initProcessing(self) -> None:  # qgis_process calls this alone
         self.provider = Provider()

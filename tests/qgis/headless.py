@@ -162,7 +162,7 @@ home = os.environ["HOME"]
 os.environ["HOME"] = str(FOLDER)  # no command of the user is there
 say("absent", call("new", **stated, FIELD="depth"))
 os.environ["HOME"] = home
-ProcessingConfig.setSettingValue("RUNOUT_COMMAND", str(FOLDER))
+ProcessingConfig.setSettingValue("RUNOUT_COMMAND", str(PLUGINS))
 say("wrong", call("new", **stated, FIELD="depth"))
 ProcessingConfig.setSettingValue("RUNOUT_COMMAND", COMMAND)
 say("twice", call("new", **stated, FIELD="depth", THICKNESS=3.0))
