@@ -49,7 +49,7 @@ def site_schema() -> dict[str, Any]:
     models = schema["$defs"]
     for base, block in BLOCKS.items():
         models |= _laws(block, LAWS_IN[base])
-        named = {"law": {"enum": block.registry.names(), "description": f"law of {LAWS_IN[base]}"}}  # editors complete from here
+        named = {"law": {"enum": [*block.registry.names()], "description": f"law of {LAWS_IN[base]}"}}  # editors complete from here
         models[base] = {"properties": named, "anyOf": [_ref(block.settings_of(law).__name__) for law in block.registry.known()]}
         models[f"Own{base}"] = _own(block)
     for (model, key), base in OWN.items():

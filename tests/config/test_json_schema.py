@@ -229,7 +229,8 @@ def test_a_site_without_a_process_names_the_published_ranges(tmp_path, site_fold
     assert "No process was chosen" in comment
     for process in processes().values():
         for one in process.of_friction:
-            assert f"{one.key} {min(one.values):g} to {max(one.values):g} ({one.source})" in comment
+            low, high = min(one.values), max(one.values)
+            assert f"{one.key} {low:g}{'' if low == high else f' to {high:g}'} ({one.source})" in comment
 
 
 def test_the_command_prints_the_schema_or_writes_it(tmp_path, schema, capsys, caplog):
