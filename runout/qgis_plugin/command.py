@@ -22,7 +22,7 @@ from qgis import core
 SETTING = "RUNOUT_COMMAND"
 OF_QGIS = ("PYTHONHOME", "PYTHONPATH", "PROJ_DATA", "PROJ_LIB", "GDAL_DATA", "GDAL_DRIVER_PATH", "QT_PLUGIN_PATH")
 WINDOWS = sys.platform == "win32"
-OK, PARTIAL = 0, 3  # exit codes: all is done; some members failed
+OK, PARTIAL = 0, 3  # exit codes: all is done; some members failed, or none is done
 GRACE = 10.0  # [s] between the request to end and the end by force
 STAGES = {"terrain": 2.0, "release": 4.0, "ensemble": 90.0, "hazard": 97.0, "report": 100.0}  # [%] when each is done
 MEMBERS = (re.compile(r"^member .* (\d+) of (\d+)$"), re.compile(r", (\d+) of (\d+) members, \d+ %"))  # that are done
@@ -81,7 +81,7 @@ def run(arguments: Sequence[object], feedback: core.QgsProcessingFeedback) -> li
         _show(line, feedback)
     if feedback.isCanceled():
         raise core.QgsProcessingException("Cancelled; finished members are kept, and the same algorithm continues.")
-    if process.returncode == PARTIAL:
+    if process.returncode == PARTIAL and not any(line.startswith("error: ") for line in lines):
         feedback.reportError("Some members failed; the products say how many are missing.")
     elif process.returncode != OK:
         raise core.QgsProcessingException(problems(lines) or f"The command ended with exit code {process.returncode}.")
