@@ -48,6 +48,10 @@ def launch(
 ) -> int:
     """Run one command with the options of every command."""
     session = Session(verbosity=1 if verbose else -1 if quiet else 0, out=out)
+    if tokens[:1] == ("new",):
+        from runout.config.questions import with_answers
+
+        tokens = tuple(with_answers(tokens))
     command, bound, injected = _parsed(app, tokens)
     if command not in COMMANDS:  # of cyclopts, which prints help or the version
         return _printed(command, bound)

@@ -31,12 +31,13 @@ def new(
     crs: Annotated[str | None, Parameter(help="Coordinate system of a DEM that states none, such as EPSG:32632.")] = None,
     layer: Annotated[str | None, Parameter(help="Layer of the polygons, where their file has several.")] = None,
     process: Annotated[str | None, Parameter(help=PROCESS)] = None,
+    cell_size: Annotated[float | None, Parameter(help="Grid spacing [m] [default: cells of the DEM].")] = None,
     session: Injected,
 ) -> int:
-    """Make a site folder: a commented site.yaml and inputs/."""
+    """Make a site folder: a commented site.yaml and inputs/. At a terminal, `runout new` alone asks for all."""
     from runout.config.scaffold import new_site
 
-    made = new_site(folder, dem, release, thickness, crs=crs, layer=layer, process=process)
+    made = new_site(folder, dem, release, thickness, crs=crs, layer=layer, process=process, cell_size=cell_size)
     LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, quote(str(folder)))
     return ExitCode.OK
 

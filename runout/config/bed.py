@@ -100,9 +100,8 @@ class BedSettings(Settings):
         return self
 
 
-_KEYS = "; ".join(f"{name}: {field.description}" for name, field in BedSettings.model_fields.items())
 SETTINGS: Any = quantity(
-    f"erodible bed on the ground, which the flow takes up at the rate of a law. {_KEYS}",
+    "erodible bed on the ground, which the flow takes up at the rate of a law: depth, polygons, density, pore_pressure, erosion",
     None,
     examples=[{"depth": 1.2, "erosion": {"law": DEFAULT_EROSION}}],
 )

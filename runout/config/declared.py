@@ -4,12 +4,13 @@ from collections.abc import Iterable
 from dataclasses import MISSING
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, PlainSerializer, WrapValidator
+from pydantic import AfterValidator, Field, PlainSerializer, WithJsonSchema, WrapValidator
 
 from runout.config.distributions import plausible_degrees, quantity
 from runout.model.limits import Range
 from runout.model.parameters import AUTO, Parameter
 
+JSON_BOUNDS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
 _WORDS: Any = Literal
 
 
@@ -30,7 +31,9 @@ def _type(p: Parameter) -> Any:
         return bool
     if p.is_automatic:
         bounds: Any = p.valid.bounds() if p.valid else {}
-        return Annotated[float, Field(**bounds), WrapValidator(_auto_or), PlainSerializer(lambda value: value)]
+        limits = {JSON_BOUNDS[bound]: limit for bound, limit in bounds.items()}
+        schema = WithJsonSchema({"anyOf": [{"type": "number", **limits}, {"const": AUTO}]})
+        return Annotated[float, Field(**bounds), WrapValidator(_auto_or), PlainSerializer(lambda value: value), schema]
     return Annotated[float, AfterValidator(plausible_degrees)] if p.is_angle else float
 
 

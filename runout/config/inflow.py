@@ -90,9 +90,8 @@ class InflowSettings(Settings):
         return self
 
 
-_KEYS = "; ".join(f"{name}: {field.description}" for name, field in InflowSettings.model_fields.items())
 SETTINGS: Any = quantity(
-    f"list of inflows: mass that enters while a run goes on. {_KEYS}",
+    "list of inflows, mass that enters while a run goes on: line or polygon, hydrograph, thickness",
     None,
     min_length=1,
     examples=[[{"line": "inputs/gauge.gpkg", "hydrograph": "inputs/q.csv", "thickness": 1.0}]],

@@ -69,6 +69,10 @@ class PublishedRange:
                 return blocks, self.key.removeprefix(prefix)
         return ("material",), self.key
 
+    def stated(self) -> str:
+        """The key with its range, and the source."""
+        return f"{self.key} {' to '.join(f'{value:g}' for value in sorted({self.values[0], self.values[-1]}))} ({self.source})"
+
     def words(self) -> str:
         """The source, with the number of its events and whether it was checked, and the value if there is one only."""
         value = "" if self.distribution else f"{self.key} {self.typical:g}: "
@@ -111,6 +115,11 @@ class Process:
     compared: list[str]
     variant: Variant
     others: list[Variant]
+
+    @property
+    def of_friction(self) -> list[PublishedRange]:
+        """Ranges of its basal friction, and of the pore pressure that lowers it."""
+        return [r for r in self.variant.ranges if r.key.startswith((OF_FRICTION, OF_PORE_PRESSURE))]
 
     def applied(self, site: Mapping[str, Any], other: int | None = None) -> dict[str, Any]:
         """Settings of a site with those of the process; ``other`` is the number of another law or a part that is added."""

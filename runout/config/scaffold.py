@@ -15,10 +15,12 @@ from pydantic.fields import FieldInfo
 
 from runout.config.bed import BLOCK as EROSION_BLOCK
 from runout.config.friction import BLOCK as FRICTION_BLOCK
+from runout.config.json_schema import SCHEMA_FILE, schema_text
 from runout.config.material import BLOCK
 from runout.config.problems import inner_model
-from runout.config.process_ranges import Process, Variant, process_named
+from runout.config.process_ranges import Process, Variant, process_named, processes
 from runout.config.read import FILE_NAME, nearest_file
+from runout.config.reasons import reason
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
 from runout.errors import DemError, InputError, ReleaseError
@@ -34,6 +36,7 @@ SAMPLES = "matplotlib:"
 LAYER_OPTION = "--layer"
 Copy = Callable[[str, Path, str], str]  # of a source to a folder under a name; returns the name of the copy
 WIDTH = 110
+FOR_EDITORS = f"# yaml-language-server: $schema={SCHEMA_FILE}\n"  # completion and checks in VS Code and other editors
 PARAMETERS = "\n  parameters:\n"  # of the ensemble, in the text of a site.yaml
 LARGEST_PLAIN = 1e5  # larger numbers are easier to read as 5e7
 HEAD = """\
@@ -51,6 +54,7 @@ def new_site(
     crs: str | None = None,
     layer: str | None = None,
     process: str | None = None,
+    cell_size: float | None = None,
 ) -> Path:
     """Path of the site.yaml of a new site folder with copies of its inputs.
 
@@ -71,6 +75,8 @@ def new_site(
         Layer of the polygons; needed if the file has several.
     process : str, optional
         Name of the process, such as ``debris_flow``, whose published laws, values and ranges are written.
+    cell_size : float, optional
+        Grid spacing of the simulation [m]. Default: that of the elevations, with two digits.
 
     Raises
     ------
@@ -87,12 +93,14 @@ def new_site(
     chosen = None if process is None else process_named(process)
     _require_inputs(dem, release)
     _require_free(Path(folder), dem, release)
-    cell, mass = _cell_and_release(dem, release, thickness, crs, layer)
+    if cell_size is not None:
+        checked("cell_size", cell_size, key="--cell-size")
+    cell, mass = cell_and_release(dem, release, thickness, crs, layer)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with part_folder(target) as part:
             (part / target.name / "inputs").mkdir(parents=True)
-            _fill(part / target.name, _first_settings(target.name, cell, dem, crs), mass, chosen)
+            _fill(part / target.name, _first_settings(target.name, cell_size or cell, dem, crs), mass, chosen)
             _move(part / target.name, target)
     except OSError as error:
         raise storage_error(folder, error) from error
@@ -106,13 +114,13 @@ def commented_yaml(settings: SiteSettings) -> str:
 
 def _require_inputs(dem: str, release: str) -> None:
     """Raise an error that lists all inputs that are missing."""
-    faults = [_missing(dem, "elevation")] if not dem.startswith(SAMPLES) else []
-    faults = [fault for fault in (*faults, _missing(release, "release")) if fault]
+    faults = [missing(dem, "elevation")] if not dem.startswith(SAMPLES) else []
+    faults = [fault for fault in (*faults, missing(release, "release")) if fault]
     if faults:
         raise InputError("\n".join(faults))
 
 
-def _missing(source: str, what: str) -> str:
+def missing(source: str, what: str) -> str:
     """Message on an input that is no file of this machine; empty if it is one."""
     path = Path(file_in(source))
     if source.startswith("/vsi") or "://" in source:
@@ -136,10 +144,13 @@ def _require_free(folder: Path, *sources: str) -> None:
     raise InputError(f"{folder}: is there already; choose another name or remove it{first}")
 
 
-def _cell_and_release(
+def cell_and_release(
     dem: str, release: str, thickness: str | None, crs: str | None, layer: str | None
 ) -> tuple[float, dict[str, Any]]:
-    """Grid spacing to start with, that of the elevations [m], and settings of the release. Both inputs are read."""
+    """Grid spacing to start with, that of the elevations [m], and settings of the release. Both inputs are read.
+
+    InputError says what is wrong with them, or with the stated thickness.
+    """
     from runout.config.extent import extent_around
     from runout.terrain.read import read_header, read_terrain
 
@@ -202,7 +213,9 @@ def _fill(folder: Path, settings: dict[str, Any], release: dict[str, Any], proce
     for key in release.keys() & copies:
         settings["release"] = [release | {key: copied(copies[key], release[key], "release")}]
     text = commented_yaml(SiteSettings.model_validate(settings))
-    (folder / FILE_NAME).write_text(_with_sources(text, process) if process else text, encoding="utf-8")
+    text = _with_sources(text, process) if process else _with_processes(text)
+    (folder / FILE_NAME).write_text(f"{FOR_EDITORS}{text}", encoding="utf-8")
+    (folder / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
 
 
 def _move(made: Path, folder: Path) -> None:
@@ -242,6 +255,19 @@ def _with_sources(text: str, process: Process) -> str:
     return head + PARAMETERS + "\n".join(made + offered + lines)
 
 
+def _with_processes(text: str) -> str:
+    """Text of a site.yaml with the published ranges of basal friction of every process as comments."""
+    head, tail = text.split(PARAMETERS, 1)
+    note = (
+        "No process was chosen: this range is a start for the first run, and describes no event. Published ranges, which "
+        "`runout new --process` writes with laws and sources; choose one, or calibrate:"
+    )
+    lines = _wrapped(note, "    ")
+    for process in processes().values():
+        lines += _wrapped(f"{process.name}: {'; '.join(r.stated() for r in process.of_friction)}", "    ")
+    return head + PARAMETERS + "\n".join(lines) + f"\n{tail}"
+
+
 def _offered(other: Variant) -> Iterator[str]:
     """Comment lines of another law or an added part: its settings, and the distributions that fit them."""
     stated = other.applied({})
@@ -259,11 +285,11 @@ def _two_digits(cell: float) -> float:
     return round(round(cell / step) * step, 6)
 
 
-def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> Iterator[str]:
+def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str, section: str = "site") -> Iterator[str]:
     for name, field in model.model_fields.items():
         if not indent:
             yield ""
-        yield from _comment(field, indent)
+        yield from _comment(field, section, name, indent)
         value = values.get(name)
         block = {"material": BLOCK, "basal_friction": FRICTION_BLOCK, "erosion": EROSION_BLOCK}.get(name)
         named = block and isinstance(value, dict) and "law" in value
@@ -277,27 +303,30 @@ def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> It
         elif name == "parameters":
             yield from (f"{indent}{name}:", *(f"{indent}  {key}: {_flow(item)}" for key, item in value.items()))
         elif inner and isinstance(value, dict):
-            yield from (f"{indent}{name}:", *_block(value, inner, indent + "  "))
+            yield from (f"{indent}{name}:", *_block(value, inner, indent + "  ", name))
         elif inner and isinstance(value, list):
             yield f"{indent}{name}:"
             for item in value:
-                yield from _item(item, inner, indent + "  ")
+                yield from _item(item, inner, indent + "  ", name)
         else:
             yield f"{indent}{name}: {_flow(value)}"
 
 
-def _item(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> Iterator[str]:
+def _item(values: Mapping[str, Any], model: type[BaseModel], indent: str, section: str) -> Iterator[str]:
     """An item of a list: its first key carries the dash."""
-    lines = list(_block(values, model, indent + "  "))
+    lines = list(_block(values, model, indent + "  ", section))
     first = next(i for i, line in enumerate(lines) if not line.lstrip().startswith("#"))
     lines[first] = f"{indent}- {lines[first].lstrip()}"
     yield from lines
 
 
-def _comment(field: FieldInfo, indent: str) -> Iterator[str]:
+def _comment(field: FieldInfo, section: str, name: str, indent: str) -> Iterator[str]:
+    """What a key is, and one line that says why one would change it."""
     extra = field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
     yield from _wrapped(f"{field.description} [{unit}]" if unit else str(field.description), indent)
+    if why := reason(section, name):
+        yield f"{indent}# Why change it: {why}"
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

@@ -74,7 +74,7 @@ def test_every_setting_is_in_the_new_file_with_its_description(site_folder):
     for path, field in fields:
         assert field.description, f"{path} has no description"
         short = {"budget", "metadata", "friction_zones", "obstacles", "structures", "observations", "report", "joint", "probes"}
-        short |= {"stability", "pore_pressure", "velocity", "starts_when", "scenarios"}
+        short |= {"stability", "pore_pressure", "velocity", "starts_when", "scenarios", "bed", "inflow"}
         in_one_line = short & set(path[:-1])
         if not in_one_line:
             assert field.description in joined, f"{path} is not described"
@@ -263,7 +263,7 @@ def test_the_folder_in_which_a_shell_stands_is_filled_and_stays(tmp_path, inputs
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     assert read_site(new_site(".", inputs / "dem.asc", inputs / "release.geojson")).name == "here"
-    assert sorted(os.listdir(".")) == ["inputs", "site.yaml"]
+    assert sorted(os.listdir(".")) == [".site.schema.json", "inputs", "site.yaml"]
     assert not [name for name in os.listdir(tmp_path) if name.endswith(".part")]
 
 
