@@ -167,8 +167,8 @@ def _steps(text: str, low: Decimal, high: Decimal, step: Decimal) -> Iterator[De
 def median_parameters(settings: SiteSettings, scenario: str | None = None) -> dict[str, float]:
     """Median of every sampled parameter of a site in the units of site.yaml.
 
-    Of a scenario those of its distributions, and which releases fail in it. Of a site with scenarios of which none is named, or with
-    a table, the weighted medians of the members; all releases fail then unless a scenario of the table is named.
+    Of a scenario those of its distributions, and which releases fail in it. Of a site with scenarios of which none is named,
+    or with a table, the weighted medians of the members; all releases fail then unless a scenario of the table is named.
     """
     ensemble = settings.ensemble
     if ensemble.table is not None or (ensemble.scenarios and scenario is None):

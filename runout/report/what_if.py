@@ -1,3 +1,5 @@
 """Page of ``runout what-if``."""
+
+
 def page(site, results, sweep, members, outcomes, notes):
     return "<p>x</p>"

@@ -24,10 +24,11 @@ from runout.forecast.numerical_error import read_convergence, require_error_bars
 from runout.forecast.sampling_error import median_error
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
+from runout.log import duration
 from runout.model.limits import CFL, SMALLEST_NET
 from runout.workflow.check_stiffness import VOLUME, member_stiffness
 from runout.workflow.flow_forecast import flows_of
-from runout.workflow.plan import duration, forecast
+from runout.workflow.plan import forecast
 
 if TYPE_CHECKING:
     from runout.config.site import Site

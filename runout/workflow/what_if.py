@@ -14,9 +14,9 @@ from runout.errors import ExitCode
 from runout.io.atomic import read_json, write_json, write_text
 from runout.io.places import require_results
 from runout.io.provenance import checksum
+from runout.log import duration
 from runout.workflow import hazard_map
 from runout.workflow.opening import open_page
-from runout.workflow.plan import duration
 from runout.workflow.sensitivity import finished_members, member_scalars
 from runout.workflow.study import Study
 from runout.workflow.time_budget import Choice, TimeBudget
@@ -91,7 +91,7 @@ def run(
 def prepared(
     site_path: Path, out: Path | None, asked: WhatIf, workers: int | None, device: str | None
 ) -> tuple[Study, Sweep, list[str]]:
-    """The study of a sweep, whose table is written, the sweep, and what it varies and costs; arguments and errors as of :func:`run`."""
+    """The study of a sweep, whose table is written, the sweep, and notes on its values and cells; arguments as of :func:`run`."""
     from runout.config.site import read_site
 
     site = read_site(site_path)
