@@ -1,5 +1,6 @@
 """Command ``runout what-if``: runs a site for values of its parameters on coarse cells, and draws what they change."""
 
+import json
 import logging
 import math
 from collections.abc import Iterator, Sequence
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("runout.what_if")
 FOLDER, MEMBERS, CELLS, TABLE, PAGE = "results_what_if", "sweep.csv", "cells.json", "what_if.csv", "what_if.html"
+STAGES = ("terrain", "release", "ensemble", "hazard")
 ANNUAL = ("return_periods", "scheme")  # keys of hazard that need annual rates, which a sweep has not
 
 
@@ -79,7 +81,7 @@ def run(
     for line in notes:
         LOGGER.info("%s", line)
     how = {"workers": workers, "threads": threads, "device": device}
-    hazard_map.run(site_path, study.results, ("ensemble",), changes=study.site.changes, **how)  # type: ignore[arg-type]
+    hazard_map.run(site_path, study.results, STAGES, changes=study.site.changes, **how)  # type: ignore[arg-type]
     study.refresh()
     page = write_products(study, sweep, notes)
     LOGGER.info("wrote %s", page)
@@ -99,7 +101,7 @@ def prepared(
     results = Path(out) if out else site.folder / FOLDER / "+".join(sweep.varied)
     require_results("--out" if out else "--out [default]", results)
     table = write_text(sweep.table(member_seed(site.settings.ensemble.seed, 0)), results / MEMBERS)
-    changes = _changes(site, table)
+    changes = _changes(site, table, sweep)
     with log.muted():
         site = read_site(site_path, changes)
         limit = TimeBudget.of(site if device is None else site.on_device(device), asked.budget, results, workers=workers)
@@ -109,12 +111,13 @@ def prepared(
         return study, sweep, list(statements(sweep, cells, limit))
 
 
-def _changes(site: "Site", table: Path) -> tuple[str, ...]:
-    """Settings of the command line that give a site the members of a table."""
+def _changes(site: "Site", table: Path, sweep: Sweep) -> tuple[str, ...]:
+    """Settings of the command line that give a site the members of a table, and a title that says so."""
     stated = site.stated()
+    title = json.dumps(f"{site.settings.title or site.name}: what if {', '.join(sweep.varied)}")
     of_members = [f"ensemble.{key}=" for key in stated.get("ensemble", {}) if key not in ("seed", "table")]
     annual = [f"hazard.{key}=" for key in ANNUAL if key in stated.get("hazard", {})]
-    return (f"ensemble.table={table.absolute()}", *of_members, *annual)
+    return (f"title={title}", f"ensemble.table={json.dumps(str(table.absolute()))}", *of_members, *annual)
 
 
 def _cells(limit: TimeBudget, cell_size: float | None) -> Choice:
@@ -155,14 +158,13 @@ def write_products(study: Study, sweep: Sweep, notes: Sequence[str]) -> Path:
     """Path of the page, after writing it and the table."""
     from runout.report.what_if import page
 
-    members = finished_members(study)
-    outcomes = sweep_table(study, sweep)
+    outcomes = sweep_table(study)
     write_text(str(outcomes.to_csv(index_label="member")), study.results / TABLE)
-    return write_text(page(study.site, study.results, sweep, members, outcomes, notes), study.results / PAGE)
+    return write_text(page(study.site, study.results, sweep, outcomes, notes), study.results / PAGE)
 
 
-def sweep_table(study: Study, sweep: Sweep) -> "pd.DataFrame":
-    """Parameters of each member with a result, area reached [m2], run-out [m] and volumes [m3]; indexed by member."""
+def sweep_table(study: Study) -> "pd.DataFrame":
+    """Parameters of each member with a result, area reached [km2], run-out [m] and volumes [m3]; indexed by member."""
     import pandas as pd
 
     members = finished_members(study)
