@@ -53,6 +53,8 @@ class Study:
         Forces on structures, ``structures.nc``; None without structures.
     sensitivity : mapping
         Sobol indices of these members, ``sensitivity/sensitivity.json``; empty without, or if they are of other members.
+    results : Path
+        The folder that was read.
     """
 
     hazard: "xr.Dataset"
@@ -64,6 +66,7 @@ class Study:
     loads: Loads | None = None
     probes: "Mapping[str, xr.Dataset]" = field(default_factory=dict)
     sensitivity: Mapping[str, Any] = field(default_factory=dict)
+    results: Path = Path()
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -117,6 +120,7 @@ def read_study(results: Path) -> Study:
         read_loads(Path(results) / "structures.nc", representative(valid)) if len(valid) else None,
         _probes(results),
         _sensitivity(results, valid),
+        Path(results),
     )
 
 

@@ -1,0 +1,191 @@
+"""The explorer of the report: one interactive map of all layers, drawn by BokehJS from data inside the page.
+
+Python packs the values, the ground and the marks; ``explorer.js`` draws them. The browser unpacks them with
+``DecompressionStream`` and asks no other host.
+"""
+
+import base64
+import gzip
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from runout.report import explorer_layers, explorer_marks
+from runout.report.explorer_layers import MOST_VALUES, Family, Grid
+from runout.report.explorer_members import member_families
+from runout.report.maps import hillshade
+from runout.report.study import Study
+from runout.report.values import Window
+
+TEMPLATE = "explorer.html.jinja"
+WIDEST_SHADE, WIDEST_VIEW = 900, 1400  # pixels of the hillshade of the whole raster, and of that of the map
+BUNDLES = ("bokeh.min.js", "bokeh-api.min.js")
+
+
+@dataclass(frozen=True)
+class Explorer:
+    """Parts of a page.
+
+    Attributes
+    ----------
+    head : str
+        Scripts and styles, for the end of ``<head>`` or of ``<body>``.
+    body : str
+        What stands where the map is.
+    """
+
+    head: str
+    body: str
+
+
+def explorer(study: Study, settings: Mapping[str, Any]) -> Explorer:
+    """The interactive map of a study.
+
+    Parameters
+    ----------
+    study : Study
+        Maps, members and marks.
+    settings : mapping
+        Resolved site.yaml.
+    """
+    from runout.report.html import render
+
+    window = study.basemap.window(study.hazard["members_reached"].fillna(0).values > 0)
+    grid = _grid_of(study, window)
+    products = list(explorer_layers.families(study.hazard, grid))
+    members, member_grid = member_families(study, grid, products)
+    packed = _Pack()
+    packed.add("products", products)
+    packed.add("members", members)
+    content = {
+        "families": packed.families,
+        "grids": {"products": _placed(study, grid), "members": _placed(study, member_grid)},
+        "ground": _ground(study, window),
+        "marks": explorer_marks.marks(study, min(study.basemap.cell_size)),
+        "view": _extent(study, window),
+        "attribution": attribution(study, settings),
+        "first": _first(products),
+    }
+    script = files("runout.report").joinpath("explorer.js").read_text(encoding="utf-8")
+    style = files("runout.report").joinpath("explorer.css").read_text(encoding="utf-8")
+    head = f"<style>\n{style}</style>\n{_text('explorer-bokeh', _bokeh())}{_text('explorer-content', packed.bytes(content))}"
+    body = render({"notes": _notes(products, members, grid, member_grid)}, TEMPLATE)
+    return Explorer(f"{head}<script>\n{script}</script>\n", body)
+
+
+class _Pack:
+    """Codes of families one behind another, and where each begins."""
+
+    def __init__(self) -> None:
+        self.families: list[dict[str, Any]] = []
+        self.codes: list[bytes] = []
+
+    def add(self, grid: str, families: list[Family]) -> None:
+        """Append the codes of families on a grid."""
+        for family in families:
+            self.families.append(family.described(grid, sum(map(len, self.codes))))
+            self.codes.append(explorer_layers.bytes_of(family.codes()))
+
+    def bytes(self, content: dict[str, Any]) -> bytes:
+        """Length of the JSON text [4 bytes, little endian], JSON text, codes."""
+        text = json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
+        return len(text).to_bytes(4, "little") + text + b"".join(self.codes)
+
+
+def _text(name: str, content: bytes) -> str:
+    """A script element that holds compressed content; base64 has no character that HTML reads."""
+    return (
+        f'<script type="text/plain" id="{name}">{base64.b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")}</script>\n'
+    )
+
+
+def _bokeh() -> bytes:
+    """BokehJS with its interface for scripts."""
+    folder = files("bokeh").joinpath("server", "static", "js")
+    return b"\n".join(folder.joinpath(name).read_bytes() for name in BUNDLES)
+
+
+def _grid_of(study: Study, window: Window) -> Grid:
+    """Cells of the products: those of the raster, or coarser ones where there are too many."""
+    layers = sum(math.prod(a.shape[:-2]) for a in study.hazard.data_vars.values() if a.dims[-2:] == ("y", "x"))
+    cells = math.prod(part.stop - part.start for part in window)
+    return Grid(window, max(1, math.ceil(math.sqrt(layers * cells / MOST_VALUES))))
+
+
+def _placed(study: Study, grid: Grid) -> dict[str, float]:
+    """Place of a grid: west and north edge and size of its cells [m]."""
+    west, _, _, north = study.basemap.extent(grid.window)
+    dx, dy = study.basemap.cell_size
+    rows, columns = grid.shape
+    return {
+        "west": float(west),
+        "north": float(north),
+        "dx": dx * grid.factor,
+        "dy": dy * grid.factor,
+        "rows": rows,
+        "columns": columns,
+    }
+
+
+def _extent(study: Study, window: Window) -> list[float]:
+    return [float(edge) for edge in study.basemap.extent(window)]
+
+
+def _ground(study: Study, window: Window) -> list[dict[str, Any]]:
+    """Pictures of the ground with their extents: the whole raster, and the window of the map where that has finer cells."""
+    whole = study.basemap.whole
+    pictures = [(whole, WIDEST_SHADE)]
+    if max(part.stop for part in whole) > WIDEST_SHADE:
+        pictures.append((window, WIDEST_VIEW))
+    return [{"extent": _extent(study, part), "image": _shaded(study, part, widest)} for part, widest in pictures]
+
+
+def _shaded(study: Study, window: Window, widest: int) -> str:
+    """Hillshade of a window as the address of a JPEG; cells without elevation are light grey."""
+    from PIL import Image
+
+    step = max(1, math.ceil(max(part.stop - part.start for part in window) / widest))
+    z = study.basemap.elevation[window][::step, ::step]
+    known = np.isfinite(z)
+    lowest = float(np.nanmin(z)) if known.any() else 0.0
+    dx, dy = study.basemap.cell_size
+    shade = hillshade(np.where(known, z, lowest), (dx * step, dy * step)) if min(z.shape) > 1 else np.ones(z.shape)
+    grey = np.where(known, 90 + 160 * np.clip(shade, 0, 1), 214).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(grey).save(file, "JPEG", quality=80)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+
+
+def _first(products: list[Family]) -> list[int]:
+    """Family and level that the map shows first: the probability of the thickness nearest to that of the first map."""
+    names = [family.name for family in products]
+    at = names.index("thickness_exceedance_probability") if "thickness_exceedance_probability" in names else 0
+    return [at, 0]
+
+
+def attribution(study: Study, settings: Mapping[str, Any]) -> str:
+    """Who is named as the source of the inputs, and the raster of elevations."""
+    stated = (settings.get("metadata") or {}).get("acknowledgement") or study.hazard.attrs.get("acknowledgement") or ""
+    dem = (settings.get("terrain") or {}).get("dem") or ""
+    crs = study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates"
+    return " · ".join(part for part in (f"Elevation: {dem}" if dem else "", stated, crs) if part)
+
+
+def _notes(products: list[Family], members: list[Family], grid: Grid, member_grid: Grid) -> list[str]:
+    """Sentences on the precision and the cells of the map."""
+    notes = ["Values are rounded to the step beside each name; hazard.nc holds the product."]
+    if grid.factor > 1:
+        notes.append(
+            f"Each cell of the map shows the largest value (of arrival: the earliest) of {grid.factor} x {grid.factor} cells of the raster."
+        )
+    if members and member_grid.factor > 1:
+        notes.append(
+            f"Maps of members show the largest value (of arrival: the earliest) of {member_grid.factor} x {member_grid.factor} cells."
+        )
+    return notes

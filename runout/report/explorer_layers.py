@@ -1,0 +1,268 @@
+"""Maps of the explorer: quantised to whole numbers, cut to what is reached, and packed for a browser.
+
+A family is a map of ``hazard.nc`` with all its thresholds, percentiles or return periods, or a map of all members. Its values are
+stored as 16-bit codes: 0 is no value, code ``c`` is ``low + (c - 1) * step`` in the printed unit. Codes are differences along a row;
+their low and their high bytes stand apart, so that they compress well.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.hazard.danger import INTENSITY, LEVEL, entries_of, label
+from runout.hazard.joint import conditions_of
+from runout.hazard.style import _ramp as ramp_of
+from runout.hazard.style import class_colours, class_edges
+from runout.quantities import ALL_QUANTITIES, UNTIL_ARRIVAL, quantity_of
+from runout.report.values import Window
+from runout.report.wording import number, quantity, unit
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+STEPS, MEMBER_STEPS, LOGARITHMIC_STEPS = 1000, 200, 10_000  # of the largest value, at least
+MOST_VALUES = 4_000_000  # cells of all products together; coarser cells above
+OPAQUE = (*UNTIL_ARRIVAL, "elevation", "ground_slope", "boundary_distance_mean", "boundary_distance_deviation")  # 0 has a colour
+TERRAIN = ("elevation", "ground_slope", "release_thickness")
+CHOICES = {
+    "percentile": "Percentile",
+    "joint": "Condition",
+    "return_period": "Return period",
+    "class_return_period": "Return period",
+}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of a map in the explorer: ``factor`` x ``factor`` cells of the raster each, row 0 in the north.
+
+    Attributes
+    ----------
+    window : Window
+        Rows and columns of the raster.
+    factor : int
+    """
+
+    window: Window
+    factor: int = 1
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = (-(-(part.stop - part.start) // self.factor) for part in self.window)
+        return rows, columns
+
+    def reduce(self, values: np.ndarray, of: Callable[..., np.ndarray] = np.fmax) -> np.ndarray:
+        """Values (..., rows, columns) of the window on these cells: the largest of each, or the value that another ufunc chooses."""
+        if self.factor == 1:
+            return values
+        rows, columns = self.shape
+        lacking = rows * self.factor - values.shape[-2], columns * self.factor - values.shape[-1]
+        padded = np.pad(values, [*[(0, 0)] * (values.ndim - 2), (0, lacking[0]), (0, lacking[1])], constant_values=np.nan)
+        cells = padded.reshape(*values.shape[:-2], rows, self.factor, columns, self.factor)
+        return of.reduce(of.reduce(cells, axis=-1), axis=-2)  # type: ignore[attr-defined, no-any-return]
+
+
+@dataclass(frozen=True)
+class Legend:
+    """Classes of a family.
+
+    Attributes
+    ----------
+    edges : list of float
+        Lower edges in the printed unit, ascending.
+    colours : list of str
+    labels : list of str
+        Words of the classes; empty: their edges.
+    opaque : bool
+        Whether the value 0 has a colour.
+    """
+
+    edges: list[float]
+    colours: list[str]
+    labels: list[str] = field(default_factory=list)
+    opaque: bool = False
+
+
+@dataclass(frozen=True)
+class Family:
+    """A map with its levels: thresholds, percentiles, return periods or members.
+
+    Attributes
+    ----------
+    name : str
+        Variable of ``hazard.nc`` or of a member.
+    group, title, unit : str
+        Heading in the list of maps, name and printed unit.
+    choice : str
+        What the levels are; empty for one level.
+    levels : list of str
+        Words of the levels.
+    values : ndarray (levels, rows, columns)
+        In the printed unit; NaN where there is none.
+    legend : Legend
+    step : float
+        Distance of two codes in the printed unit.
+    """
+
+    name: str
+    group: str
+    title: str
+    unit: str
+    choice: str
+    levels: list[str]
+    values: np.ndarray
+    legend: Legend
+    step: float
+
+    @property
+    def low(self) -> float:
+        """Value of code 1."""
+        least = float(np.nanmin(self.values)) if np.isfinite(self.values).any() else 0.0
+        return math.floor(min(least, 0.0 if self.name != "elevation" else least) / self.step) * self.step
+
+    def codes(self) -> np.ndarray:
+        """Codes (levels, rows, columns), uint16; a value above 0 never gets the code of 0."""
+        steps = np.rint((self.values.astype(np.float64) - self.low) / self.step)
+        steps = np.where((self.values > 0) & (self.low == 0), np.maximum(steps, 1), steps)
+        return np.where(np.isfinite(steps), steps + 1, 0).astype(np.uint16)  # type: ignore[no-any-return]
+
+    def described(self, grid: str, offset: int) -> dict[str, Any]:
+        """What the browser needs besides the codes; ``offset`` is their first byte."""
+        decimals = max(0, -math.floor(math.log10(self.step) + 1e-9))
+        time = self.name in UNTIL_ARRIVAL
+        own = {"name", "group", "title", "unit", "choice", "levels", "step"}
+        return {name: getattr(self, name) for name in own} | vars(self.legend) | {
+            "low": self.low, "decimals": decimals, "time": time, "grid": grid, "offset": offset,
+        }  # fmt: skip
+
+
+def round_step(largest: float, steps: int) -> float:
+    """Step of 1, 2 or 5 times a power of ten, of which at least ``steps`` reach ``largest``; 1 for a map without values."""
+    if not largest > 0 or not math.isfinite(largest):
+        return 1.0
+    ten = 10.0 ** math.floor(math.log10(largest / steps))
+    return float(f"{max(f * ten for f in (1, 2, 5) if f * ten <= largest / steps * (1 + 1e-9)):.3g}")
+
+
+def families(hazard: "xr.Dataset", grid: Grid) -> Iterator[Family]:
+    """All maps of ``hazard.nc`` in the order of the list."""
+    names = [str(name) for name, array in hazard.data_vars.items() if array.dims[-2:] == ("y", "x") and array.ndim <= 3]
+    for name in sorted(names, key=_place):
+        array = hazard[name].astype(np.float32)
+        units, divisor = VARIABLES[name].printed if name in VARIABLES else (array.attrs.get("units", ""), 1.0)
+        values = array.values.reshape(-1, *array.shape[-2:])[(slice(None), *grid.window)] / np.float32(divisor)
+        choice, levels = _levels(hazard, array.dims[0]) if array.ndim == 3 else ("", [""])
+        group, title = naming(name)
+        legend = legend_of(hazard, name, values)
+        yield Family(name, group, title, unit(units), choice, levels, _reduced(name, values, grid), legend, step_of(name, values))
+
+
+def _reduced(name: str, values: np.ndarray, grid: Grid) -> np.ndarray:
+    return grid.reduce(values, np.fmin if name in UNTIL_ARRIVAL else np.fmax)
+
+
+def step_of(name: str, values: np.ndarray, steps: int = STEPS) -> float:
+    """Distance of two codes of a map in the printed unit."""
+    if name in (INTENSITY, LEVEL) or "members" in name:
+        return 1.0
+    if "probability" in name or "share" in name:
+        return 1.0 / steps
+    mapped = quantity_of(name)
+    fine = "annual" in name or (mapped is not None and mapped.logarithmic)
+    finite = np.abs(values[np.isfinite(values)])
+    span = float(np.ptp(finite)) if name == "elevation" and finite.size else float(finite.max(initial=0.0))
+    return round_step(span, LOGARITHMIC_STEPS if fine and steps == STEPS else steps)
+
+
+def legend_of(hazard: "xr.Dataset", name: str, values: np.ndarray, like: str = "") -> Legend:
+    """Classes of a map with ``values`` in the printed unit, those of QGIS; ``like``: name of the map whose classes it has."""
+    if name in (INTENSITY, LEVEL):
+        entries = entries_of(hazard, name)
+        return Legend([float(e["number"]) for e in entries], [e["colour"] for e in entries], [label(e) for e in entries])
+    finite = values[np.isfinite(values)]
+    smallest, largest = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    mapped = quantity_of(name)
+    thresholds: Sequence[float] = ()
+    if mapped is not None and mapped.threshold in hazard.coords:
+        thresholds = (hazard[mapped.threshold].values / VARIABLES[mapped.threshold].printed[1]).tolist()
+    edges = class_edges(like or name, thresholds, smallest, largest)
+    return Legend([float(edge) for edge in edges], class_colours(ramp_of(like or name), len(edges)), opaque=name in OPAQUE)
+
+
+def naming(name: str) -> tuple[str, str]:
+    """Heading and title of a map in the list."""
+    for q in ALL_QUANTITIES.values():
+        names = {
+            q.exceedance("probability"): "Probability that a threshold is reached",
+            q.annual_exceedance: "Annual rate",
+            q.at_return_period: "Value at a return period",
+            q.percentile: "Percentile over the members",
+            q.peak: "Largest of all members",
+            q.mean: "Mean of the members",
+            q.exceedance("standard_error"): "Standard error of the probability",
+        }
+        if name in names:
+            return names[name], q.words[:1].upper() + q.words[1:]
+    words = VARIABLES[name].long_name if name in VARIABLES else name.replace("_", " ")
+    return _group(name), words[:1].upper() + words[1:]
+
+
+GROUPS = (
+    *(
+        "Danger",
+        "Probability that a threshold is reached",
+        "Annual rate",
+        "Value at a return period",
+        "Percentile over the members",
+    ),
+    *("Largest of all members", "Arrival", "Mean of the members", "Boundary of the flow", "Observed", "Further maps"),
+    *("Standard error of the probability", "Terrain"),
+)
+
+
+def _group(name: str) -> str:
+    of = {
+        "Danger": name in (INTENSITY, LEVEL), "Terrain": name in TERRAIN, "Arrival": name in UNTIL_ARRIVAL,
+        "Standard error of the probability": name.endswith("standard_error"), "Boundary of the flow": "boundary" in name,
+        "Probability that a threshold is reached": name.endswith("probability"), "Annual rate": "annual" in name,
+        "Observed": "observed" in name or name.endswith("difference"),
+    }  # fmt: skip
+    return next((group for group, holds in of.items() if holds), "Further maps")
+
+
+def _place(name: str) -> tuple[int, int]:
+    quantities = list(ALL_QUANTITIES)
+    own = next((k for k, q in enumerate(quantities) if name.startswith((f"{q}_", f"peak_{q}"))), len(quantities))
+    return GROUPS.index(naming(name)[0]), own
+
+
+def _levels(hazard: "xr.Dataset", dimension: Any) -> tuple[str, list[str]]:
+    """What the levels of a dimension are, and their words."""
+    values = hazard[dimension].values
+    if dimension == "joint":
+        parts = [" and ".join(f"{ALL_QUANTITIES[q].words} {_limit(q, v)}" for q, v in one.items()) for one in conditions_of(hazard)]
+        return CHOICES["joint"], parts
+    if str(dimension).endswith("_threshold"):
+        return "Threshold", [_limit(str(dimension).removesuffix("_threshold"), float(v)) for v in values]
+    return CHOICES.get(str(dimension), str(dimension)), [_level(str(dimension), float(v)) for v in values]
+
+
+def _limit(name: str, value: float) -> str:
+    units, divisor = VARIABLES[ALL_QUANTITIES[name].threshold].printed
+    return f"≥ {quantity(value / divisor, units)}"
+
+
+def _level(dimension: str, value: float) -> str:
+    return f"{value:g} %" if dimension == "percentile" else f"{number(value, 6)} years" if "period" in dimension else number(value)
+
+
+def bytes_of(codes: np.ndarray) -> bytes:
+    """Codes (levels, rows, columns) as bytes: of each level the low bytes, then the high bytes, of differences along its rows."""
+    difference = codes.copy()
+    difference[..., 1:] -= codes[..., :-1]
+    return np.stack([difference & 0xFF, difference >> 8], axis=1).astype(np.uint8).tobytes()
