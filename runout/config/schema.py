@@ -500,6 +500,12 @@ class ReportSettings(Settings):
         "need the extra runout[view] and OpenGL, and take about two seconds each",
         "none",
     )
+    orthophoto: str | None = quantity(
+        "picture of the ground for the interactive map, a georeferenced raster with one band or three, relative to this folder",
+        None,
+        min_length=1,
+        examples=["inputs/orthophoto.tif"],
+    )
 
 
 class SiteSettings(Settings):
@@ -537,7 +543,7 @@ class SiteSettings(Settings):
     stability: StabilitySettings | None = STABILITY
     observations: ObservationSettings | None = OBSERVATIONS
     report: ReportSettings | None = quantity(
-        "what the report shows besides maps and tables: stills none, worst or all", None, examples=[{"stills": "worst"}]
+        "what the report shows besides maps and tables: stills none, worst or all; orthophoto", None, examples=[{"stills": "worst"}]
     )
     budget: BudgetSettings | None = quantity(
         "a run that is forecast to need more is refused", None, examples=[{"hours": 1.0, "memory_gb": 8.0, "disk_gb": 2.0}]

@@ -59,9 +59,10 @@ PLACES: dict[str, tuple[Location, ...]] = {  # settings that name input files, b
     "protected": (("structures", EACH, "protects"),),  # areas behind dams
     "scheme": (("hazard", "scheme"),),
     "design": (("ensemble", "table"),),
+    "orthophoto": (("report", "orthophoto"),),
 }
 OF_MEMBERS = ("terrain", "releases", "zones", "probes", "structures", "bed", "inflows")  # parts that members depend on
-OF_PRODUCTS = ("observations", "protected", "scheme", "design")
+OF_PRODUCTS = ("observations", "protected", "scheme", "design", "orthophoto")
 
 
 def named_inputs(values: Any) -> Iterator[tuple[Location, Any]]:

@@ -12,19 +12,26 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.quantities import QUANTITIES
 from runout.report import explorer_layers, explorer_marks
 from runout.report.explorer_layers import MOST_VALUES, Family, Grid
-from runout.report.explorer_members import member_families
+from runout.report.explorer_members import MemberLayers, member_layers
 from runout.report.maps import hillshade
+from runout.report.sheets import HEADLINE_THICKNESS
 from runout.report.study import Study
 from runout.report.values import Window
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 TEMPLATE = "explorer.html.jinja"
 WIDEST_SHADE, WIDEST_VIEW = 900, 1400  # pixels of the hillshade of the whole raster, and of that of the map
+QUALITY = 78  # of JPEG
 BUNDLES = ("bokeh.min.js", "bokeh-api.min.js")
 
 
@@ -44,7 +51,7 @@ class Explorer:
     body: str
 
 
-def explorer(study: Study, settings: Mapping[str, Any]) -> Explorer:
+def explorer(study: Study, settings: Mapping[str, Any], folder: Path | None = None) -> Explorer:
     """The interactive map of a study.
 
     Parameters
@@ -53,29 +60,41 @@ def explorer(study: Study, settings: Mapping[str, Any]) -> Explorer:
         Maps, members and marks.
     settings : mapping
         Resolved site.yaml.
+    folder : Path, optional
+        Folder of site.yaml, to which the orthophoto is relative; default: the one that holds the results.
+
+    Raises
+    ------
+    InputError
+        If the orthophoto cannot be read, or does not touch the map.
+    StorageError
+        If a file of the results cannot be read.
     """
     from runout.report.html import render
 
     window = study.basemap.window(study.hazard["members_reached"].fillna(0).values > 0)
     grid = _grid_of(study, window)
     products = list(explorer_layers.families(study.hazard, grid))
-    members, member_grid = member_families(study, grid, products)
+    members = member_layers(study, grid)
     packed = _Pack()
     packed.add("products", products)
-    packed.add("members", members)
+    packed.add("members", members.families)
     content = {
         "families": packed.families,
-        "grids": {"products": _placed(study, grid), "members": _placed(study, member_grid)},
+        "grids": {"products": _placed(study, grid), "members": _placed(study, members.grid)},
         "ground": _ground(study, window),
-        "marks": explorer_marks.marks(study, min(study.basemap.cell_size)),
+        "orthophoto": _orthophoto(study, window, settings, folder or study.results.parent),
+        "marks": explorer_marks.marks(study, settings),
+        "members": members.parameters,
         "view": _extent(study, window),
+        "axes": ["Easting", "Northing"] if "crs" in study.hazard else ["x", "y"],
         "attribution": attribution(study, settings),
-        "first": _first(products),
+        "first": _first(study.hazard, products),
     }
     script = files("runout.report").joinpath("explorer.js").read_text(encoding="utf-8")
     style = files("runout.report").joinpath("explorer.css").read_text(encoding="utf-8")
     head = f"<style>\n{style}</style>\n{_text('explorer-bokeh', _bokeh())}{_text('explorer-content', packed.bytes(content))}"
-    body = render({"notes": _notes(products, members, grid, member_grid)}, TEMPLATE)
+    body = render({"notes": _notes(grid, members)}, TEMPLATE)
     return Explorer(f"{head}<script>\n{script}</script>\n", body)
 
 
@@ -101,7 +120,7 @@ class _Pack:
 def _text(name: str, content: bytes) -> str:
     """A script element that holds compressed content; base64 has no character that HTML reads."""
     return (
-        f'<script type="text/plain" id="{name}">{base64.b64encode(gzip.compress(content, 9, mtime=0)).decode("ascii")}</script>\n'
+        f'<script type="text/plain" id="{name}">{base64.b64encode(gzip.compress(content, 6, mtime=0)).decode("ascii")}</script>\n'
     )
 
 
@@ -146,6 +165,28 @@ def _ground(study: Study, window: Window) -> list[dict[str, Any]]:
     return [{"extent": _extent(study, part), "image": _shaded(study, part, widest)} for part, widest in pictures]
 
 
+def _orthophoto(study: Study, window: Window, settings: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
+    """Picture of the ground in the window, with its extent; None where site.yaml states none."""
+    from PIL import Image
+
+    from runout.view.image import draped_image
+
+    name = (settings.get("report") or {}).get("orthophoto")
+    if not name:
+        return None
+    west, east, south, north = _extent(study, window)
+    crs = study.hazard["crs"].attrs.get("crs_wkt") if "crs" in study.hazard else None
+    colours = draped_image(folder / name, (west, south, east, north), crs, WIDEST_VIEW)
+    return {"extent": [west, east, south, north], "image": _jpeg(Image.fromarray(colours))}
+
+
+def _jpeg(picture: Any) -> str:
+    """A picture as the address of a JPEG."""
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+
+
 def _shaded(study: Study, window: Window, widest: int) -> str:
     """Hillshade of a window as the address of a JPEG; cells without elevation are light grey."""
     from PIL import Image
@@ -157,16 +198,17 @@ def _shaded(study: Study, window: Window, widest: int) -> str:
     dx, dy = study.basemap.cell_size
     shade = hillshade(np.where(known, z, lowest), (dx * step, dy * step)) if min(z.shape) > 1 else np.ones(z.shape)
     grey = np.where(known, 90 + 160 * np.clip(shade, 0, 1), 214).astype(np.uint8)
-    file = io.BytesIO()
-    Image.fromarray(grey).save(file, "JPEG", quality=80)
-    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+    return _jpeg(Image.fromarray(grey))
 
 
-def _first(products: list[Family]) -> list[int]:
+def _first(hazard: "xr.Dataset", products: list[Family]) -> list[int]:
     """Family and level that the map shows first: the probability of the thickness nearest to that of the first map."""
     names = [family.name for family in products]
-    at = names.index("thickness_exceedance_probability") if "thickness_exceedance_probability" in names else 0
-    return [at, 0]
+    thickness = QUANTITIES["thickness"]
+    if thickness.exceedance("probability") not in names:
+        return [0, 0]
+    levels = hazard[thickness.threshold].values
+    return [names.index(thickness.exceedance("probability")), int(np.abs(levels - HEADLINE_THICKNESS).argmin())]
 
 
 def attribution(study: Study, settings: Mapping[str, Any]) -> str:
@@ -177,15 +219,12 @@ def attribution(study: Study, settings: Mapping[str, Any]) -> str:
     return " · ".join(part for part in (f"Elevation: {dem}" if dem else "", stated, crs) if part)
 
 
-def _notes(products: list[Family], members: list[Family], grid: Grid, member_grid: Grid) -> list[str]:
+def _notes(grid: Grid, members: MemberLayers) -> list[str]:
     """Sentences on the precision and the cells of the map."""
-    notes = ["Values are rounded to the step beside each name; hazard.nc holds the product."]
+    rule = "the largest value (of arrival: the earliest) of {0} x {0} cells of the raster"
+    notes = ["Values are rounded to the step that the legend states; hazard.nc holds the product."]
     if grid.factor > 1:
-        notes.append(
-            f"Each cell of the map shows the largest value (of arrival: the earliest) of {grid.factor} x {grid.factor} cells of the raster."
-        )
-    if members and member_grid.factor > 1:
-        notes.append(
-            f"Maps of members show the largest value (of arrival: the earliest) of {member_grid.factor} x {member_grid.factor} cells."
-        )
+        notes.append(f"Each cell of the map shows {rule.format(grid.factor)}.")
+    if members.families and members.grid.factor > grid.factor:
+        notes.append(f"Each cell of the maps of members shows {rule.format(members.grid.factor)}.")
     return notes

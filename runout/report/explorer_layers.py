@@ -1,13 +1,14 @@
 """Maps of the explorer: quantised to whole numbers, cut to what is reached, and packed for a browser.
 
 A family is a map of ``hazard.nc`` with all its thresholds, percentiles or return periods, or a map of all members. Its values are
-stored as 16-bit codes: 0 is no value, code ``c`` is ``low + (c - 1) * step`` in the printed unit. Codes are differences along a row;
-their low and their high bytes stand apart, so that they compress well.
+stored as 16-bit codes: 0 is no value, code ``c`` is ``low + (c - 1) * step`` in the printed unit. Differences of the codes along
+the rows are packed, their low and their high bytes apart, since these compress well.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,15 +17,16 @@ from runout.hazard.danger import INTENSITY, LEVEL, entries_of, label
 from runout.hazard.joint import conditions_of
 from runout.hazard.style import _ramp as ramp_of
 from runout.hazard.style import class_colours, class_edges
-from runout.quantities import ALL_QUANTITIES, UNTIL_ARRIVAL, quantity_of
+from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, UNTIL_ARRIVAL, MapQuantity, quantity_of
 from runout.report.values import Window
-from runout.report.wording import number, quantity, unit
+from runout.report.wording import MINUS, number, quantity, unit
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
 STEPS, MEMBER_STEPS, LOGARITHMIC_STEPS = 1000, 200, 10_000  # of the largest value, at least
+SIGNED_CLASSES = 8
 MOST_VALUES = 4_000_000  # cells of all products together; coarser cells above
 OPAQUE = (*UNTIL_ARRIVAL, "elevation", "ground_slope", "boundary_distance_mean", "boundary_distance_deviation")  # 0 has a colour
 TERRAIN = ("elevation", "ground_slope", "release_thickness")
@@ -57,7 +59,7 @@ class Grid:
         return rows, columns
 
     def reduce(self, values: np.ndarray, of: Callable[..., np.ndarray] = np.fmax) -> np.ndarray:
-        """Values (..., rows, columns) of the window on these cells: the largest of each, or the value that another ufunc chooses."""
+        """Values (..., rows, columns) of the window on these cells: the largest of each, or what another ufunc chooses."""
         if self.factor == 1:
             return values
         rows, columns = self.shape
@@ -75,17 +77,19 @@ class Legend:
     ----------
     edges : list of float
         Lower edges in the printed unit, ascending.
-    colours : list of str
-    labels : list of str
-        Words of the classes; empty: their edges.
+    colours, labels : list of str
+        Of each class.
     opaque : bool
         Whether the value 0 has a colour.
+    named : bool
+        Whether values are numbers of the classes, from 1 on.
     """
 
     edges: list[float]
     colours: list[str]
-    labels: list[str] = field(default_factory=list)
+    labels: list[str]
     opaque: bool = False
+    named: bool = False
 
 
 @dataclass(frozen=True)
@@ -134,10 +138,11 @@ class Family:
     def described(self, grid: str, offset: int) -> dict[str, Any]:
         """What the browser needs besides the codes; ``offset`` is their first byte."""
         decimals = max(0, -math.floor(math.log10(self.step) + 1e-9))
-        time = self.name in UNTIL_ARRIVAL
+        largest = float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
         own = {"name", "group", "title", "unit", "choice", "levels", "step"}
         return {name: getattr(self, name) for name in own} | vars(self.legend) | {
-            "low": self.low, "decimals": decimals, "time": time, "grid": grid, "offset": offset,
+            "low": self.low, "decimals": decimals, "largest": largest, "time": self.name in UNTIL_ARRIVAL,
+            "grid": grid, "offset": offset,
         }  # fmt: skip
 
 
@@ -183,62 +188,92 @@ def legend_of(hazard: "xr.Dataset", name: str, values: np.ndarray, like: str = "
     """Classes of a map with ``values`` in the printed unit, those of QGIS; ``like``: name of the map whose classes it has."""
     if name in (INTENSITY, LEVEL):
         entries = entries_of(hazard, name)
-        return Legend([float(e["number"]) for e in entries], [e["colour"] for e in entries], [label(e) for e in entries])
+        numbers, colours = [float(entry["number"]) for entry in entries], [entry["colour"] for entry in entries]
+        return Legend(numbers, colours, [label(entry) for entry in entries], named=True)
     finite = values[np.isfinite(values)]
     smallest, largest = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     mapped = quantity_of(name)
     thresholds: Sequence[float] = ()
     if mapped is not None and mapped.threshold in hazard.coords:
         thresholds = (hazard[mapped.threshold].values / VARIABLES[mapped.threshold].printed[1]).tolist()
-    edges = class_edges(like or name, thresholds, smallest, largest)
-    return Legend([float(edge) for edge in edges], class_colours(ramp_of(like or name), len(edges)), opaque=name in OPAQUE)
+    edges = [float(edge) for edge in class_edges(like or name, thresholds, smallest, largest)]
+    if edges[0] < 0.0 and edges[0] == -edges[-1]:  # QGIS mixes the colours of a difference
+        edges = np.linspace(edges[0], edges[-1], SIGNED_CLASSES + 1)[:-1].tolist()
+    opaque = name in OPAQUE
+    return Legend(edges, class_colours(ramp_of(like or name), len(edges)), _labels(name, edges, opaque), opaque)
+
+
+def _labels(name: str, edges: list[float], opaque: bool) -> list[str]:
+    """Words of classes by their lower edges."""
+    printed = [f"1/{1 / edge:.0f}" if "annual" in name and edge else f"{edge:g}".replace("-", MINUS) for edge in edges]
+    if printed[0] == "0" and not opaque:
+        printed[0] = "above 0"
+    if "members" in name and all(later - edge == 1 for edge, later in pairwise(edges)):
+        return [*printed[:-1], f"{printed[-1]} or more"]
+    if len(edges) == 1:
+        return printed if not opaque else [f"{printed[0]} or more"]
+    return [*(f"{low} to {high}" for low, high in pairwise(printed)), f"{printed[-1]} or more"]
 
 
 def naming(name: str) -> tuple[str, str]:
-    """Heading and title of a map in the list."""
+    """Heading and title of a map in the list; the title is clear without the heading."""
     for q in ALL_QUANTITIES.values():
-        names = {
-            q.exceedance("probability"): "Probability that a threshold is reached",
-            q.annual_exceedance: "Annual rate",
-            q.at_return_period: "Value at a return period",
-            q.percentile: "Percentile over the members",
-            q.peak: "Largest of all members",
-            q.mean: "Mean of the members",
-            q.exceedance("standard_error"): "Standard error of the probability",
-        }
-        if name in names:
-            return names[name], q.words[:1].upper() + q.words[1:]
-    words = VARIABLES[name].long_name if name in VARIABLES else name.replace("_", " ")
-    return _group(name), words[:1].upper() + words[1:]
+        if name in _titles(q):
+            group, pattern = _titles(q)[name]
+            return group, _capital(pattern.format(q.words))
+    return _group(name), _capital(
+        OWN_TITLES.get(name) or (VARIABLES[name].long_name if name in VARIABLES else name.replace("_", " "))
+    )
 
 
+def _titles(q: MapQuantity) -> dict[str, tuple[str, str]]:
+    """Heading and title of each map of a quantity."""
+    return {
+        q.exceedance("probability"): (PROBABILITIES, "Probability of {}"),
+        q.annual_exceedance: ("Annual rate", "Annual rate of {}"),
+        q.at_return_period: ("Value at a return period", "{}, return period"),
+        q.percentile: ("Percentile over the members", "{}, percentile of the members"),
+        q.peak: ("Largest of all members", "{}, largest of all members"),
+        q.mean: ("Mean of the members", "{}, mean of the members"),
+        q.exceedance("standard_error"): (ERRORS, "Standard error of the probability of {}"),
+    }
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+PROBABILITIES, ERRORS = "Probability that a threshold is reached", "Standard error of the probability"
+OWN_TITLES = {
+    "inundation_probability": "probability that the flow arrives (lowest threshold of thickness)",
+    "joint_exceedance_probability": "probability of a joint condition",
+    "joint_exceedance_standard_error": "standard error of the probability of a joint condition",
+    "joint_annual_exceedance": "annual rate of a joint condition",
+    INTENSITY: "intensity class at a return period",
+    FIRST_ARRIVAL: "arrival, earliest of all members",
+    ARRIVAL_PERCENTILE: "arrival, percentile of the members",
+}
 GROUPS = (
-    *(
-        "Danger",
-        "Probability that a threshold is reached",
-        "Annual rate",
-        "Value at a return period",
-        "Percentile over the members",
-    ),
+    *("Danger", PROBABILITIES, "Annual rate", "Value at a return period", "Percentile over the members"),
     *("Largest of all members", "Arrival", "Mean of the members", "Boundary of the flow", "Observed", "Further maps"),
-    *("Standard error of the probability", "Terrain"),
+    *(ERRORS, "Terrain"),
 )
 
 
 def _group(name: str) -> str:
     of = {
         "Danger": name in (INTENSITY, LEVEL), "Terrain": name in TERRAIN, "Arrival": name in UNTIL_ARRIVAL,
-        "Standard error of the probability": name.endswith("standard_error"), "Boundary of the flow": "boundary" in name,
-        "Probability that a threshold is reached": name.endswith("probability"), "Annual rate": "annual" in name,
+        ERRORS: name.endswith("standard_error"), "Boundary of the flow": "boundary" in name,
+        PROBABILITIES: name.endswith("probability"), "Annual rate": "annual" in name,
         "Observed": "observed" in name or name.endswith("difference"),
     }  # fmt: skip
     return next((group for group, holds in of.items() if holds), "Further maps")
 
 
 def _place(name: str) -> tuple[int, int]:
-    quantities = list(ALL_QUANTITIES)
-    own = next((k for k, q in enumerate(quantities) if name.startswith((f"{q}_", f"peak_{q}"))), len(quantities))
-    return GROUPS.index(naming(name)[0]), own
+    """Order in the list: by heading, then by quantity."""
+    own = [k for k, q in enumerate(ALL_QUANTITIES.values()) if name in _titles(q)]
+    return GROUPS.index(naming(name)[0]), own[0] if own else len(ALL_QUANTITIES)
 
 
 def _levels(hazard: "xr.Dataset", dimension: Any) -> tuple[str, list[str]]:
@@ -254,7 +289,7 @@ def _levels(hazard: "xr.Dataset", dimension: Any) -> tuple[str, list[str]]:
 
 def _limit(name: str, value: float) -> str:
     units, divisor = VARIABLES[ALL_QUANTITIES[name].threshold].printed
-    return f"≥ {quantity(value / divisor, units)}"
+    return f"≥\u00a0{quantity(value / divisor, units)}"
 
 
 def _level(dimension: str, value: float) -> str:

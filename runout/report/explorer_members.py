@@ -2,48 +2,75 @@
 
 import math
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from runout.ensemble.member import members_folder
+from runout.io import netcdf
 from runout.io.member_maps import MemberMaps
 from runout.quantities import ALL_QUANTITIES, ARRIVAL, CHANGE, UNTIL_ARRIVAL
-from runout.report.explorer_layers import MEMBER_STEPS, STEPS, Family, Grid, bytes_of, legend_of, round_step
+from runout.report.explorer_layers import MEMBER_STEPS, STEPS, Family, Grid, bytes_of, legend_of, step_of
+from runout.report.figures import parameter_label
+from runout.report.members import representative
 from runout.report.study import Study
-from runout.report.wording import unit
+from runout.report.tables import sampled_parameters
+from runout.report.wording import number, unit
 from runout.variables import VARIABLES
 
 SHOWN = ("max_flow_thickness", "max_speed", "max_pressure", ARRIVAL, "deposit_thickness", "eroded_depth", CHANGE)
-BUDGET = 1_400_000  # bytes of all maps of the members, compressed
+SNAPSHOTS = {"flow_thickness": "max_flow_thickness", "speed": "max_speed"}  # of a file: map with the same classes
+BUDGET = 1_500_000  # bytes of all maps of the members, compressed
 MOST_FINE = 50  # members whose values have as many steps as the products
 SAMPLE = 8  # members from which the size of all is estimated
+TRIALS = 6
 
 
-def member_families(study: Study, grid: Grid, products: list[Family]) -> tuple[list[Family], Grid]:
-    """Families whose levels are the valid members, and their grid: the finest whose maps fit in :data:`BUDGET`."""
+@dataclass(frozen=True)
+class MemberLayers:
+    """Maps of the members.
+
+    Attributes
+    ----------
+    families : list of Family
+        Levels are the valid members, or the snapshots of one.
+    grid : Grid
+        The finest whose maps fit in :data:`BUDGET`.
+    parameters : list of str
+        Sampled parameters of each valid member.
+    """
+
+    families: list[Family]
+    grid: Grid
+    parameters: list[str]
+
+
+def member_layers(study: Study, grid: Grid) -> MemberLayers:
+    """Maps of the valid members on ``grid``, or on coarser cells where they are too many."""
     numbers = [int(member) for member in study.valid.index]
-    paths = [members_folder(study.results) / study.members["file"][number] for number in numbers]
+    paths = [members_folder(study.results) / study.members["file"][member] for member in numbers]
     if not paths:
-        return [], grid
-    names = _held(paths[0])
+        return MemberLayers([], grid, [])
+    with MemberMaps(paths[0]) as file:
+        names = [name for name in SHOWN if name in file.held()]
     steps = STEPS if len(paths) <= MOST_FINE else MEMBER_STEPS
     some = paths[:: max(1, len(paths) // SAMPLE)]
-    for _ in range(6):
-        sampled = _families(study, names, _stacked(some, names, grid), numbers[: len(some)], steps)
-        size = sum(len(zlib.compress(bytes_of(family.codes()), 6)) for family in sampled) * len(paths) / len(some)
+    families: list[Family] = []
+    for _ in range(TRIALS):
+        families = _families(study, stacked(some, names, grid), numbers[: len(some)], steps)
+        size = sum(len(zlib.compress(bytes_of(family.codes()), 6)) for family in families) * len(paths) / len(some)
         if size <= BUDGET:
             break
         grid = Grid(grid.window, max(grid.factor + 1, math.ceil(grid.factor * math.sqrt(size / BUDGET))))
-    return _families(study, names, _stacked(paths, names, grid), numbers, steps), grid
+    else:
+        families = []
+    if len(some) < len(paths) or not families:
+        families = _families(study, stacked(paths, names, grid), numbers, steps)
+    return MemberLayers([*families, *_snapshots(study, grid)], grid, [_parameters(study, member) for member in numbers])
 
 
-def _held(path: Path) -> list[str]:
-    with MemberMaps(path) as file:
-        return [name for name in SHOWN if name in file.held()]
-
-
-def _stacked(paths: list[Path], names: list[str], grid: Grid) -> dict[str, np.ndarray]:
+def stacked(paths: list[Path], names: list[str], grid: Grid) -> dict[str, np.ndarray]:
     """Maps (members, rows, columns) by name, in units of files."""
     stacks = {name: np.empty((len(paths), *grid.shape), np.float32) for name in names}
     for k, path in enumerate(paths):
@@ -53,19 +80,55 @@ def _stacked(paths: list[Path], names: list[str], grid: Grid) -> dict[str, np.nd
     return stacks
 
 
-def _families(study: Study, names: list[str], stacks: dict[str, np.ndarray], numbers: list[int], steps: int) -> list[Family]:
-    found = []
-    for name in names:
-        units, divisor = VARIABLES[name].printed
-        values = stacks[name] / np.float32(divisor)
-        mapped = next((q for q in ALL_QUANTITIES.values() if q.member_map == name and not q.part_of), None)
-        like = mapped.peak if mapped and mapped.peak in study.hazard else name
-        words = mapped.words if mapped else VARIABLES[name].long_name
-        largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
-        found.append(
-            Family(
-                name, "One member", words[:1].upper() + words[1:], unit(units), "Member", [str(number) for number in numbers], values,
-                legend_of(study.hazard, name, values, like), round_step(largest, steps),
-            )
-        )  # fmt: skip
-    return found
+def _families(study: Study, stacks: dict[str, np.ndarray], numbers: list[int], steps: int) -> list[Family]:
+    levels = [str(member) for member in numbers]
+    return [_family(study, name, "One member", f"Member: {_words(name)}", levels, values, steps) for name, values in stacks.items()]
+
+
+def _family(study: Study, name: str, group: str, title: str, levels: list[str], values: np.ndarray, steps: int) -> Family:
+    """A family with the classes that the largest of all members has."""
+    alike = SNAPSHOTS.get(name, name)
+    units, divisor = VARIABLES[alike].printed
+    printed = values / np.float32(divisor)
+    mapped = next((q for q in ALL_QUANTITIES.values() if q.member_map == alike and not q.part_of), None)
+    like = mapped.peak if mapped and mapped.peak in study.hazard else alike
+    legend, step = legend_of(study.hazard, like, _with_largest(study, like, printed, divisor)), step_of(like, printed, steps)
+    choice = "Snapshot" if name in SNAPSHOTS else "Member"
+    return Family(name, group, title[:1].upper() + title[1:], unit(units), choice, levels, printed, legend, step)
+
+
+def _with_largest(study: Study, like: str, values: np.ndarray, divisor: float) -> np.ndarray:
+    """Values that have to have a class: those of the product as well, where there is one."""
+    return study.hazard[like].values / np.float32(divisor) if like in study.hazard else values
+
+
+def _words(name: str) -> str:
+    mapped = next((q for q in ALL_QUANTITIES.values() if q.member_map == name and not q.part_of), None)
+    return (f"maximum {mapped.words}" if mapped.formula else mapped.words) if mapped else VARIABLES[name].long_name
+
+
+def _snapshots(study: Study, grid: Grid) -> list[Family]:
+    """Thickness and speed of one member at the times that its file holds; none where the site keeps no snapshots."""
+    member = representative(study.valid)
+    path = members_folder(study.results) / study.members["file"][member]
+    with MemberMaps(path) as file:
+        if "snapshots" not in file.file.groups:
+            return []
+    rows, columns = grid.window
+    dataset = netcdf.read(path, "snapshots")
+    near = 0.1 * min(study.basemap.cell_size)
+    whole = dataset.reindex(
+        y=study.basemap.northing[rows], x=study.basemap.easting[columns], method="nearest", tolerance=near, fill_value=0.0
+    )
+    levels = [f"{number(float(time))} s" for time in dataset["time"].values]
+    title = "{} at one time, member " + str(member)
+    return [
+        _family(study, name, "Snapshots of one member", title.format(words), levels, grid.reduce(whole[name].values), STEPS)
+        for name, words in {"flow_thickness": "Flow thickness", "speed": "Flow speed"}.items()
+        if name in whole
+    ]
+
+
+def _parameters(study: Study, member: int) -> str:
+    names = sampled_parameters(study)
+    return ", ".join(f"{parameter_label(name)}: {number(float(study.members.loc[member, name]))}" for name in names)

@@ -99,7 +99,7 @@ observations:
     points: inputs/points.geojson
     speed: v
   thalweg: {line: inputs/line.geojson}
-report: {stills: none}
+report: {stills: none, orthophoto: inputs/orthophoto.tif}
 """
 SCHEME = """\
 title: of the fuzzer
@@ -263,6 +263,7 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
     write_tiff(inputs / "deposit.tif", deposit)
     write_tiff(inputs / "difference.tif", deposit - pile)
     write_tiff(inputs / "bed.tif", np.ones((ROWS, COLUMNS)))
+    write_tiff(inputs / "orthophoto.tif", np.tile(np.arange(COLUMNS, dtype=np.uint8), (3, ROWS, 1)))
     wet = features([square(20, 20, 20)])
     wet["features"][0]["properties"]["water"] = 0.7
     (inputs / "wet.geojson").write_text(json.dumps(wet), encoding="utf-8")
