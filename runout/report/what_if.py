@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from runout import __version__
 from runout.ensemble.sweep import Sweep
 from runout.report.explorer import explorer
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 TEMPLATE = "what_if.html.jinja"
 GROUND = ("elevation", "ground_slope", "release_thickness", "members_reached")  # maps that say nothing of a probability
 PANEL, COLUMNS, DPI = (3.7, 2.9), 3, 72.0  # inch, panels in a row, points of SVG in an inch
+DISTINCT = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # of Okabe and Ito
 TITLES = {"reached_area": "area reached [km²]", "runout_distance": "run-out [m]"}
 PASSED = "passed "  # before the name of a cross-section
 
@@ -65,13 +68,13 @@ def page(site: "Site", results: Path, sweep: Sweep, outcomes: "pd.DataFrame", no
         What is varied, and what the cells cost.
     """
     study = read_study(results)
-    kept = [name for name in study.hazard.data_vars if name in GROUND or name == "crs" or str(name).startswith("peak_")]
+    kept = [name for name in study.hazard.data_vars if name in (*GROUND, "crs")]
     settings = site.resolved()
     parts = explorer(replace(study, hazard=study.hazard[kept]), settings)
     drawing, places = drawn(curves(sweep, outcomes), outcomes)
     content = {
         "title": settings.get("title") or site.name,
-        "heading": [("Varied", ", ".join(map(parameter_label, sweep.varied))), ("Runs", len(outcomes)), ("Made by", f"runout {__version__}")],
+        "heading": _heading_of_page(sweep, outcomes),
         "notes": notes,
         "failed": len(sweep.rows()) - len(outcomes),
         "head": parts.head,
@@ -84,6 +87,11 @@ def page(site: "Site", results: Path, sweep: Sweep, outcomes: "pd.DataFrame", no
     return render(content, TEMPLATE)
 
 
+def _heading_of_page(sweep: Sweep, outcomes: "pd.DataFrame") -> list[tuple[str, str]]:
+    varied = ", ".join(map(parameter_label, sweep.varied))
+    return [("Varied", varied), ("Runs", str(len(outcomes))), ("Made by", f"runout {__version__}")]
+
+
 def curves(sweep: Sweep, outcomes: "pd.DataFrame") -> list[Curve]:
     """The panels: every outcome against each parameter that is varied alone, or against the first one."""
     shown = [name for name in outcomes.columns if name in TITLES or str(name).startswith(PASSED)]
@@ -93,7 +101,7 @@ def curves(sweep: Sweep, outcomes: "pd.DataFrame") -> list[Curve]:
 
 
 def _lines(sweep: Sweep, outcomes: "pd.DataFrame", parameter: str) -> dict[str, list[int]]:
-    """Members by the values of the other varied parameters; of a sweep of one at a time those that differ in the parameter alone."""
+    """Members by the values of the other varied parameters; of one at a time those that differ in the parameter alone."""
     lines: dict[str, list[int]] = {}
     rows = sweep.rows()
     for member in outcomes.index:
@@ -121,31 +129,42 @@ def drawn(panels: Sequence[Curve], outcomes: "pd.DataFrame") -> tuple[str, list[
             _draw(one, curve, outcomes)
         for one in axes[len(panels) :]:
             one.set_axis_off()
+        if len(panels[0].lines) > 1:
+            figure.legend(*axes[0].get_legend_handles_labels(), fontsize=SMALL, frameon=False, loc="outside upper left", ncols=4)
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None})
     height = figure.bbox.height
     places: dict[int, list[list[float]]] = {member: [] for member in outcomes.index}
     for one, curve in zip(axes, panels, strict=False):
         for member in (member for line in curve.lines.values() for member in line):
-            x, y = one.transData.transform([outcomes.at[member, curve.parameter], outcomes.at[member, curve.outcome]])
+            value = outcomes.at[member, curve.outcome] / _divisor(curve, outcomes)
+            x, y = one.transData.transform([outcomes.at[member, curve.parameter], value])
             places[member].append([round(float(x), 1), round(float(height - y), 1)])
     content = text.getvalue()
     return content[content.index("<svg") :], list(places.values())
 
 
 def _draw(axes: Any, curve: Curve, outcomes: "pd.DataFrame") -> None:
+    units = _divisor(curve, outcomes)
+    for (label, members), colour in zip(curve.lines.items(), _colours(len(curve.lines)), strict=True):
+        x, y = outcomes.loc[members, [curve.parameter, curve.outcome]].to_numpy().T
+        axes.plot(x, y / units, "o-", markersize=4, color=colour, label=label or None)
+    tidy(axes, parameter_label(curve.parameter))
+    words = _heading(curve.outcome).replace("[m³]", "[10⁶ m³]") if units > 1.0 else _heading(curve.outcome)
+    axes.set_ylabel(words, fontsize=NORMAL, color=INK, parse_math=False)
+    axes.set_ylim(bottom=0.0)
+
+
+def _divisor(curve: Curve, outcomes: "pd.DataFrame") -> float:
+    """1e6 for volumes of millions of cubic metres, else 1."""
+    return 1e6 if curve.outcome.startswith(PASSED) and outcomes[curve.outcome].max() >= 1e6 else 1.0
+
+
+def _colours(lines: int) -> list[Any]:
+    """Colours of lines that differ for all readers."""
     from matplotlib import colormaps
 
-    colours = colormaps["cividis"].resampled(max(2, len(curve.lines)))
-    for k, (label, members) in enumerate(curve.lines.items()):
-        values = outcomes.loc[members, [curve.parameter, curve.outcome]].to_numpy().T
-        axes.plot(*values, "o-", markersize=4, color=colours(k), label=label or None)
-    tidy(axes, parameter_label(curve.parameter))
-    axes.set_ylabel(_heading(curve.outcome), fontsize=NORMAL, color=INK, parse_math=False)
-    axes.set_ylim(bottom=0.0)
-    axes.yaxis.get_major_formatter().set_useOffset(False)
-    if len(curve.lines) > 1:
-        axes.legend(fontsize=SMALL, frameon=False)
+    return list(DISTINCT[:lines]) if lines <= len(DISTINCT) else list(colormaps["viridis"](np.linspace(0.0, 0.85, lines)))
 
 
 def _heading(name: str) -> str:

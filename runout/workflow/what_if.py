@@ -101,7 +101,7 @@ def prepared(
     results = Path(out) if out else site.folder / FOLDER / "+".join(sweep.varied)
     require_results("--out" if out else "--out [default]", results)
     table = write_text(sweep.table(member_seed(site.settings.ensemble.seed, 0)), results / MEMBERS)
-    changes = _changes(site, table, sweep)
+    changes = _changes(site, table)
     with log.muted():
         site = read_site(site_path, changes)
         limit = TimeBudget.of(site if device is None else site.on_device(device), asked.budget, results, workers=workers)
@@ -111,10 +111,10 @@ def prepared(
         return study, sweep, list(statements(sweep, cells, limit))
 
 
-def _changes(site: "Site", table: Path, sweep: Sweep) -> tuple[str, ...]:
+def _changes(site: "Site", table: Path) -> tuple[str, ...]:
     """Settings of the command line that give a site the members of a table, and a title that says so."""
     stated = site.stated()
-    title = json.dumps(f"{site.settings.title or site.name}: what if {', '.join(sweep.varied)}")
+    title = json.dumps(f"{site.settings.title or site.name}: what if")
     of_members = [f"ensemble.{key}=" for key in stated.get("ensemble", {}) if key not in ("seed", "table")]
     annual = [f"hazard.{key}=" for key in ANNUAL if key in stated.get("hazard", {})]
     return (f"title={title}", f"ensemble.table={json.dumps(str(table.absolute()))}", *of_members, *annual)

@@ -71,7 +71,7 @@ def test_every_member_gets_a_file_that_says_what_it_is(tmp_path):
 
 
 @pytest.mark.parametrize("at_once", [1, 2])
-def test_a_redirected_log_names_the_member_of_each_warning_and_the_log_file_each_member_that_ends(tmp_path, two_cores, capsys, at_once):
+def test_a_redirected_log_names_the_member_of_each_warning_and_its_file_each_that_ends(tmp_path, two_cores, capsys, at_once):
     place = site(tmp_path, faults={2.0: "warning", 5.0: "warning", 6.0: "material"})
     log.to_terminal(0)
     with log.to_file(tmp_path / "run.log"):
