@@ -152,7 +152,7 @@ def _draw(axes: Any, curve: Curve, outcomes: "pd.DataFrame") -> None:
     tidy(axes, parameter_label(curve.parameter))
     words = _heading(curve.outcome).replace("[m³]", "[10⁶ m³]") if units > 1.0 else _heading(curve.outcome)
     axes.set_ylabel(words, fontsize=NORMAL, color=INK, parse_math=False)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.1 * max(float(outcomes[curve.outcome].max()) / units, 1e-6))
 
 
 def _divisor(curve: Curve, outcomes: "pd.DataFrame") -> float:

@@ -10,7 +10,7 @@ import logging
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -178,7 +178,7 @@ class TimeBudget:
         """Raise BudgetError if the members ``left`` of the site with chosen cells do not fit."""
         needed = forecast(site, left, workers=self.workers, cost_of=self.cost_of).seconds
         if needed > self.seconds:
-            raise self._too_short(len(left), f"{self.site_size()[0]:g} m", needed)
+            raise self._too_short(len(left), f"{replace(self, site=site).site_size()[0]:g} m", needed)
 
     def _largest(self, cells: float, spread: float) -> Choice:
         """The choice of the most members that fit with so many cells through the release."""

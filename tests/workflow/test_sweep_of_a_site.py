@@ -100,7 +100,7 @@ def test_a_longer_range_runs_the_new_values_alone(done, capsys):
         (f"{ANGLE}=nan,20", "holds no values"),
         (f"{ANGLE}=20,20", "repeats a value"),
         (f"{ANGLE}=0.2,0.3", "angles are in degrees here"),
-        (f"{ANGLE}=80:95:5", "95 is out of range"),
+        (f"{ANGLE}=50:70:20", "70 is out of range"),
         (f"{ANGLE}=20", "makes 1 run; two values are needed"),
         ("=1,2", "there is no key"),
     ],
