@@ -18,7 +18,7 @@ from typing import Any
 
 from runout.model.readers import declare_readers
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME = {
     "Terrain": "runout.model.terrain",

@@ -33,10 +33,11 @@ app = App(
 )
 app.meta.group_parameters = Group("Options of every command", sort_key=0)
 
-parts_of("runout.commands", first=("sites", "probes", "view"))
+parts_of("runout.commands", first=("sites", "what_if", "probes", "view"))
 COMMANDS = tuple(TRAITS)
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)
+app.register_install_completion_command(help="Let bash, zsh or fish complete commands, options and folders.")
 
 
 @app.meta.default

@@ -1,10 +1,11 @@
-"""Messages of a command: rich on the terminal, JSON lines in a file, progress bars with remaining time."""
+"""Messages of a command: rich on the terminal, JSON lines in a file, one line of progress with the remaining time."""
 
 import json
 import logging
 import os
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -12,9 +13,11 @@ from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
-from rich.console import Console
+from rich.console import Console, RenderableType
+from rich.live import Live
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress_bar import ProgressBar
+from rich.table import Table
 from rich.text import Text
 
 from runout.io.atomic import storage_error
@@ -24,6 +27,9 @@ LOGGER = logging.getLogger("runout")
 WARNINGS = logging.getLogger("py.warnings")  # loggers of libraries: always in the log file, on the terminal with -v
 STANDARD_FIELDS = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime"}
 MEMBER: ContextVar[int | None] = ContextVar("member", default=None)  # number of the member that is being simulated
+REPORT_SECONDS = 30.0  # between two lines of progress in a file or pipe
+LEAST_SHARE = 0.01  # of a work that must be finished before the remaining time is estimated
+SHORTEST_BAR, LONGEST_BAR = 8, 40  # columns
 LEVELS = {-1: logging.WARNING, 0: logging.INFO, 1: logging.DEBUG}
 
 
@@ -98,8 +104,7 @@ def silence_output() -> None:
 class Terminal(logging.Handler):
     """Messages on the terminal: one line each without wrapping, so that paths can be copied; repeated messages are left out.
 
-    A file or pipe gets the messages of every member, and those marked ``progress``, in place of the bar; a screen gets the first of
-    those that differ in their numbers only.
+    A file or pipe gets the messages of every member; a screen gets the first of those that differ in their numbers only.
     """
 
     def __init__(self, level: int):
@@ -113,7 +118,7 @@ class Terminal(logging.Handler):
         key = text if on_screen else named
         if on_screen and named != text:  # one of those that differ in their numbers; the file has all
             key = re.sub(r"\d[\d.e+-]*", "#", text)
-        if key in self.said or (on_screen and getattr(record, "progress", False)):
+        if key in self.said:
             return
         self.said.add(key)
         style = "yellow" if record.levelno < logging.ERROR else "bold red"
@@ -188,14 +193,117 @@ def to_file(path: Path) -> Iterator[None]:
             handler.stream.close()
 
 
+class StatusLine:
+    """The one line that says how far a command is: stage, member, share done, time left.
+
+    A screen shows it below the messages and replaces it; a file or pipe gets it every :data:`REPORT_SECONDS`, without control
+    characters.
+
+    Parameters
+    ----------
+    hidden : bool
+        Whether nothing is shown.
+    """
+
+    def __init__(self, *, hidden: bool):
+        self.hidden, self.stage = hidden, ""
+        self.reported = time.monotonic()
+        self.begin("")
+        self.live = Live(console=console(), get_renderable=self._drawn, refresh_per_second=4, transient=True)
+
+    def __enter__(self) -> "StatusLine":
+        if not self.hidden and console().is_terminal:
+            self.live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # the terminal is gone
+            self.live.stop()
+
+    def begin(self, what: str) -> None:
+        """Begin a part of the work, of which no share is known yet."""
+        self.what, self.detail, self.start = what, "", time.monotonic()
+        self.fraction: float | None = None
+        self.remaining: float | None = None
+
+    def update(self, fraction: float, detail: str = "", remaining: float | None = None) -> None:
+        """State the finished fraction, 0 to 1, what is finished in words, and the time left [s]; None: as long as so far."""
+        self.fraction, self.detail, self.remaining = min(max(float(fraction), 0.0), 1.0), detail, remaining
+        if self.remaining is None and self.fraction > LEAST_SHARE:
+            self.remaining = (time.monotonic() - self.start) * (1.0 / self.fraction - 1.0)
+        if not self.hidden and not console().is_terminal and time.monotonic() - self.reported >= REPORT_SECONDS:
+            self.reported = time.monotonic()
+            with suppress(OSError):
+                console().print(self.text(), markup=False)
+
+    def text(self, width: int | None = None) -> str:
+        """The line; without its less important parts where it is wider than ``width`` columns."""
+        share = "" if self.fraction is None else f"{100 * self.fraction:.0f} %"
+        left = "" if self.remaining is None else f"{duration(max(1.0, self.remaining))} left"
+        where = ": ".join(part for part in (self.stage, self.what) if part)
+        if self.fraction is None and where:
+            left = duration(max(1, round(time.monotonic() - self.start)))
+        name = self.stage.rpartition(", ")[2] or where
+        versions = ((where, self.detail, share, left), (name, self.detail, share, left), (name, share, left), (share, left))
+        lines = [", ".join(part for part in parts if part) for parts in versions]
+        return next((line for line in lines if width is None or len(line) <= width), lines[-1][:width])
+
+    def _drawn(self) -> RenderableType:
+        """The line with a bar, if there is room for one."""
+        width = console().width - 1  # a full line would wrap on some terminals
+        text = self.text(width)
+        room = min(width - len(text) - 1, LONGEST_BAR)
+        if self.fraction is None or room < SHORTEST_BAR:
+            return Text(text, no_wrap=True, overflow="crop")
+        row = Table.grid(padding=(0, 1, 0, 0))
+        row.add_row(Text(text, no_wrap=True), ProgressBar(total=1.0, completed=self.fraction, width=room))
+        return row
+
+
+LINE: ContextVar[StatusLine | None] = ContextVar("line", default=None)  # that is shown
+
+
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[float], None]]:
-    """Context of a progress bar with remaining time. Call the returned function with the finished fraction, 0 to 1."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"))
-    hidden = not LOGGER.handlers or min(h.level for h in LOGGER.handlers) > logging.INFO
-    with Progress(*columns, TimeRemainingColumn(elapsed_when_finished=False), console=console(), disable=hidden) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda fraction: bar.update(task, completed=min(max(float(fraction), 0.0), 1.0))
+def _status_line() -> Iterator[StatusLine]:
+    """Context of the line of a command: that of the context around it, if there is one."""
+    if (outer := LINE.get()) is not None:
+        yield outer
+        return
+    with StatusLine(hidden=not LOGGER.handlers or min(h.level for h in LOGGER.handlers) > logging.INFO) as line:
+        token = LINE.set(line)
+        try:
+            yield line
+        finally:
+            LINE.reset(token)
+
+
+@contextmanager
+def progress_of_stages() -> Iterator[Callable[[str], None]]:
+    """Context of one line for all stages of a run. Call the returned function with the name of each when it begins."""
+    with _status_line() as line:
+
+        def begin(stage: str) -> None:
+            line.stage = stage
+            line.begin("")
+
+        yield begin
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[..., None]]:
+    """Context of a part of the work with a line that says how far it is; see :meth:`StatusLine.update` for what it returns."""
+    with _status_line() as line:
+        line.begin(what)
+        yield line.update
+
+
+def duration(seconds: float) -> str:
+    """Duration as text: 40 s, 3 min 20 s, 2 h 5 min."""
+    if seconds < 100:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes_left = divmod(minutes, 60)
+    return f"{hours} h {minutes_left} min" if hours else f"{minutes} min {rest} s"
 
 
 def escaped(text: str) -> str:

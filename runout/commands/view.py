@@ -1,4 +1,4 @@
-"""Commands that show a member of a site in three dimensions."""
+"""Commands that show the results of a site, and a member in three dimensions."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,7 +9,9 @@ from runout.commands.options import Device, Injected, SiteArgument, command
 from runout.commands.written import Written
 from runout.errors import ExitCode
 
-Member = Annotated[int, Parameter(help="Number of the member, as in `runout status`.")]
+Member = Annotated[
+    int | None, Parameter(help="Number of the member, as in `runout status` [default: that of the median run-out in the last run].")
+]
 Frames = Annotated[int | None, Parameter(help="Number of frames [default: those that are there, or 40].")]
 Colour = Annotated[Literal["thickness", "speed"], Parameter(help="What the colours show.")]
 Show = Annotated[Literal["surface", "particles"], Parameter(help="Free surface of the flow, or its particles.")]
@@ -20,11 +22,25 @@ Direction = Annotated[
 Size = Annotated[tuple[int, int], Parameter(consume_multiple=True, negative="", help="Width and height [pixel].")]
 
 
+@command(writes=False, short=True)
+def open(
+    site: SiteArgument,
+    *,
+    qgis: Annotated[bool, Parameter(negative="", help="Open the project of the results in QGIS.")] = False,
+    session: Injected,
+) -> int:
+    """Open the report of a site in the browser; where none can be started, print its path."""
+    from runout.workflow.opening import open_results
+
+    open_results(site, session.out, qgis=qgis)
+    return ExitCode.OK
+
+
 @command(writes=False)  # unless it has to simulate
 def view(
     site: SiteArgument,
     *,
-    member: Member = 0,
+    member: Member = None,
     frames: Frames = None,
     colour: Colour = "thickness",
     show: Show = "surface",
@@ -46,7 +62,7 @@ def view(
 def animate(
     site: SiteArgument,
     *,
-    member: Member = 0,
+    member: Member = None,
     frames: Frames = None,
     output: Annotated[
         Path | None,

@@ -112,14 +112,14 @@ def _faults(rows: Rows, ranges: Mapping[str, Range]) -> Iterator[tuple[int, str,
             yield line, "", "all cells are empty", "remove the line; a member with the values of the site states its weight or seed"
             continue
         for column, text in zip(names, cells, strict=True):
-            if column in known and (fault := _fault(column, text, ranges)):
+            if column in known and (fault := cell_fault(column, text, ranges)):
                 whole = False
                 yield line, column, *fault
     if whole and len(set(names)) == len(names):
         yield from _of_columns(rows)
 
 
-def _fault(column: str, text: str, ranges: Mapping[str, Range]) -> tuple[str, str] | None:
+def cell_fault(column: str, text: str, ranges: Mapping[str, Range]) -> tuple[str, str] | None:
     """What is wrong with a cell, and the remedy; None if it is sound."""
     if column == SCENARIO:
         return None if text else ("is empty", "name the scenario of every member, or remove the column")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger(__name__)
 MOST_REASONS = 10  # of failed members, in the representation of a report
-LEAST_WORK = 0.01  # members that must be finished before the remaining time is estimated
+LEAST_WORK = 0.25  # members that must be finished before the remaining time is estimated
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,10 @@ class EnsembleProgress:
     def fraction(self) -> float:
         """Finished fraction, 0 to 1, including the fractions of running members."""
         return (self.finished + self.under_way) / self.of
+
+    def show(self, update: Callable[..., None]) -> None:
+        """State the progress by a function of :func:`runout.log.progress`."""
+        update(self.fraction, f"{self.finished} of {self.of} members", self.remaining)
 
 
 def run_ensemble(
@@ -308,12 +312,12 @@ class _Tally:
         self._clear(member)
 
     def _say_done(self, outcome: Outcome) -> None:
-        """Log the end of a member; on a terminal the bar shows it."""
+        """Log the end of a member as a detail; the line of progress counts it."""
         member, seconds = outcome.member, outcome.seconds
         took = "" if seconds is None else f" in {seconds:.1f} s"
         finished = self.of - len(self.waiting) + self.finished_now
-        marks = {"member": member.number, "progress": True}
-        LOGGER.info("member %d (%s) done%s, %d of %d", member.number, member.name, took, finished, self.of, extra=marks)
+        told = (member.number, member.name, took, finished, self.of)
+        LOGGER.debug("member %d (%s) done%s, %d of %d", *told, extra={"member": member.number})
 
     def _book_failure(self, member: Member, failure: Failure) -> None:
         self.failed[member.number] = failure.reason

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import log
+from runout.ensemble.sweep import median_parameters
 from runout.errors import ConfigError
 from runout.forecast.accuracy import BOUNDS
 from runout.forecast.numerical_error import MAP, MAP_SAFETY, ORDER, SAFETY, SCATTERS, SHARE, ErrorBar, statements
@@ -90,7 +91,7 @@ def study(
     """
     if len(set(coarser)) < 2 or min(coarser) <= 1.0:
         raise ConfigError(f"coarser grids are {[*coarser]}; give at least two cell sizes over that of the site, all above 1")
-    arguments = site.member_arguments(median_parameters(site))
+    arguments = site.member_arguments(median_parameters(site.settings))
     spacing = np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
     _require_room(arguments, max(coarser) * spacing)
     thresholds = site.settings.hazard.thickness_thresholds
@@ -104,7 +105,7 @@ def study(
             progress(cost / costs[-1])
     return {
         "site": site.name,
-        "scenario": median_parameters(site),
+        "scenario": median_parameters(site.settings),
         "levels": [
             {"cell_size": [*map(float, run.ratio * spacing)], "particles": run.particles, "seconds": run.seconds} for run in runs
         ],
@@ -139,32 +140,6 @@ def _distances(runs: Sequence[Run], name: str) -> list[float]:
     if name == "arrival":
         return [common_differences(run.maps[name], fine)["root_mean_square"] or 0.0 for run in runs[:-1]]
     return [compared(run.maps[name], fine, ())["relative_l1"] for run in runs[:-1]]
-
-
-def median_parameters(site: "Site") -> dict[str, float]:
-    """Median of every sampled parameter, in the units of site.yaml."""
-    from runout.ensemble.design import quantiles
-
-    if getattr(site.settings.ensemble, "scenarios", None) or getattr(site.settings.ensemble, "table", None):
-        return _medians_of_members(site)
-    sampled = site.settings.ensemble.parameters or {}
-    return {name: float(quantiles(one, np.array([0.5]), name)[0]) for name, one in dict(sampled).items()}
-
-
-def _medians_of_members(site: "Site") -> dict[str, float]:
-    """Weighted medians of the columns of the table of members; in the run all releases fail."""
-    from runout.config.member_arguments import ROW_EXTRAS
-    from runout.config.scenarios import FAILS
-    from runout.ensemble.design import member_table
-    from runout.hazard.order import weighted_percentiles
-
-    table = member_table(site.settings.ensemble)
-    medians = {}
-    for name in (str(column) for column in table.columns if column not in ROW_EXTRAS and not str(column).endswith(FAILS)):
-        stated = table[table[name].notna()]
-        weights = stated["weight"].to_numpy(np.float64)
-        medians[name] = float(weighted_percentiles(stated[[name]].to_numpy(np.float64), weights / weights.sum(), [50.0])[0, 0])
-    return medians
 
 
 def _require_room(arguments: Mapping[str, Any], coarsest: np.ndarray) -> None:

@@ -84,10 +84,10 @@ class Runner:
         planned = range(min(len(members), site.settings.ensemble.members))
         remaining = list(planned) if any(not member.file(results).is_file() for member in members) else []
         workers = require_budget(site, remaining, workers=self.workers)
-        with log.progress("members") as bar:
+        with log.progress("calibration") as bar:
             report = run_ensemble(
                 site, results, workers=workers, threads=self.threads, retry_failed=self.retry_failed, design=design,
-                progress=lambda state: bar(state.fraction),
+                progress=lambda state: state.show(bar),
             )  # fmt: skip
         valid = set(report.valid)
         return [member for member in members if member.number in valid]

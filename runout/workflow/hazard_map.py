@@ -176,7 +176,8 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
         if "ensemble" in [stage.name for stage in stages] and study.left and not study.cluster:
             _start_ahead(study, processes)
         _require_sound(study, stages)
-        done = _run_stages(study, stages, force)
+        with log.progress_of_stages() as begin:
+            done = _run_stages(study, stages, force, begin)
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
     study.keep()
@@ -197,15 +198,16 @@ def _start_ahead(study: Study, processes: ExitStack) -> None:
         study.standby = processes.enter_context(Standby(share.workers, share.threads))
 
 
-def _run_stages(study: Study, stages: Sequence[Stage], force: bool) -> tuple[str, ...]:
-    """Names of the stages that were not up to date, after running them."""
+def _run_stages(study: Study, stages: Sequence[Stage], force: bool, begin: Callable[[str], None]) -> tuple[str, ...]:
+    """Names of the stages that were not up to date, after running them; ``begin`` is called with the name of each."""
     done = []
-    for stage in stages:
+    for number, stage in enumerate(stages, 1):
         reason = study.why_stale(stage) or ("asked for by --force" if force and stage.name != "ensemble" else None)
         if reason is None:
             LOGGER.debug("%s: up to date", stage.name)
             continue
         LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
+        begin(f"stage {number} of {len(stages)}, {stage.name}" if len(stages) > 1 else stage.name)
         started = time.perf_counter()
         with imported_meanwhile(OF_PRODUCTS) if stage.name == "ensemble" and _waits_for_workers(study, stages) else nullcontext():
             _make(study, stage)
@@ -292,11 +294,11 @@ def make_members(study: Study) -> Iterable[Path]:
     if said := other_members(study):
         LOGGER.warning("%s", said)
     if study.compilation and study.compilation.is_running:
-        with log.progress("compiling") as bar:
+        with log.progress("compiling the kernels") as bar:
             study.compilation.wait(bar)
     if study.cluster is None:
         workers = require_budget(study.site, study.left_at_most, workers=workers)
-    with log.progress("members") as bar:
+    with log.progress("") as bar:
 
         def run(part: range | None) -> EnsembleReport:
             return run_ensemble(
@@ -304,7 +306,7 @@ def make_members(study: Study) -> Iterable[Path]:
                 study.results,
                 workers=workers,
                 threads=study.threads,
-                progress=lambda state: bar(state.fraction),
+                progress=lambda state: state.show(bar),
                 retry_failed=study.retry_failed,
                 part=part,
                 cluster=study.cluster,

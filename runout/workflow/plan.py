@@ -17,6 +17,7 @@ from runout.errors import BudgetError, CapacityError
 from runout.forecast import engine_notes
 from runout.forecast.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory, with_births, with_inflow
 from runout.forecast.step_cost import TYPICAL, engine_for, step_cost
+from runout.log import duration
 from runout.model.friction_laws import FrictionLaw
 from runout.model.limits import spacing_of
 from runout.model.numerics import Numerics
@@ -238,15 +239,6 @@ def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[l
     wanted = set(left)
     members = [member for member in plan_members(site) if member.number in wanted]
     return members, _largest(site, members), share_of(site.settings.simulation.device, len(members), workers).workers
-
-
-def duration(seconds: float) -> str:
-    """Duration as text: 40 s, 3 min 20 s, 2 h 5 min."""
-    if seconds < 100:
-        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes_left = divmod(minutes, 60)
-    return f"{hours} h {minutes_left} min" if hours else f"{minutes} min {rest} s"
 
 
 def _largest(site: "Site", members: "Sequence[Member]") -> "Member":

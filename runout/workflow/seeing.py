@@ -1,9 +1,7 @@
 """Shows one member of a site in three dimensions: window, film, files for ParaView."""
 
 import logging
-import os
 import shutil
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +20,7 @@ from runout.view.camera import stated_direction
 from runout.view.frames import flow_scene, held
 from runout.view.scene import FlowScene, Mesh, Span, on_structures
 from runout.view.surfaces import COLOURED
+from runout.workflow.opening import has_display
 from runout.workflow.single_member import chosen_member, simulation_file
 from runout.workflow.study import Study
 
@@ -42,8 +41,8 @@ class Choices:
 
     Attributes
     ----------
-    member : int
-        Number of the member.
+    member : int or None
+        Number of the member; None: the representative one of the last run (:func:`representative_member`).
     frames : int or None
         Number of frames; None: those that are there, or :data:`FRAMES`.
     colour, show, camera : str
@@ -56,7 +55,7 @@ class Choices:
         Device of a simulation that has to be made first; it replaces that of site.yaml.
     """
 
-    member: int = 0
+    member: int | None = None
     frames: int | None = None
     colour: str = "thickness"
     show: str = "surface"
@@ -89,10 +88,10 @@ def view(site_path: Path, out: Path | None, choices: Choices) -> None:
     RenderError
         If there is no display, no pyvista or no OpenGL.
     """
-    if not _has_display():
+    if not has_display():
         raise RenderError(NO_DISPLAY.format(site=quote(str(site_path))))
     process.require_packages()
-    scene = scene_of(site_path, out, choices)
+    scene = scene_of(site_path, out, of_last_run(site_path, out, choices))
     with process.folder_for_job() as folder:
         process.make("window", scene, choices.look, folder)
 
@@ -108,6 +107,7 @@ def animate(site_path: Path, out: Path | None, choices: Choices, output: Path | 
     process.require_packages()
     if not 0 < fps <= 120:
         raise ConfigError(f"fps is {fps:g}; it must be above 0 and at most 120")
+    choices = of_last_run(site_path, out, choices)
     if output is None and vtk is None:
         output = _usual_output(Study.open(site_path, out).results, choices)
     if output is not None:
@@ -123,10 +123,34 @@ def animate(site_path: Path, out: Path | None, choices: Choices, output: Path | 
     return made
 
 
+def of_last_run(site_path: Path, out: Path | None, choices: Choices) -> Choices:
+    """The choices with the representative member of the last run, unless they name a member."""
+    return choices if choices.member is not None else replace(choices, member=representative_member(Study.open(site_path, out)))
+
+
+def representative_member(study: Study) -> int:
+    """Number of the finished member with the median run-out, by weight; 0 if no member has run."""
+    import pandas as pd
+
+    from runout.report.members import representative
+    from runout.workflow.sensitivity import member_scalars
+
+    done = [standing.member for standing in study.standings if standing.state == "done"]
+    if not done:
+        LOGGER.info("no member has run with these settings: member 0 is shown")
+        return 0
+    numbers = [member.number for member in done]
+    distances = member_scalars(study.site, study.results, done)["runout_distance"]
+    table = pd.DataFrame({"runout_distance": distances, "weight": study.members["weight"][numbers].to_numpy()}, index=numbers)
+    number = representative(table)
+    LOGGER.info("member %d: the median run-out of %d members, %.4g m", number, len(done), distances[numbers.index(number)])
+    return number
+
+
 def scene_of(site_path: Path, out: Path | None, choices: Choices) -> FlowScene:
     """Scene of a member; its simulation is made if there is none with enough frames."""
     study = Study.open(site_path, out, device=choices.device)
-    site, member = study.site, chosen_member(study.site, choices.member)
+    site, member = study.site, chosen_member(study.site, choices.member or 0)
     terrain = site.terrain()
     if choices.image is not None:
         draped_image(choices.image, terrain.extent, terrain.crs, most=64)  # refused before a simulation
@@ -191,15 +215,9 @@ def structure_spans(site: "Site", scene: FlowScene) -> list[Span]:
     return found
 
 
-def _has_display() -> bool:
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def _usual_output(results: Path, choices: Choices) -> Path:
     """A film in the results folder: MP4, or GIF where there is no codec."""
-    name = f"{choices.member:04d}_{choices.colour}" + ("_particles" if choices.show == "particles" else "")
+    name = f"{choices.member or 0:04d}_{choices.colour}" + ("_particles" if choices.show == "particles" else "")
     kind = ".mp4" if film.has_codec() else ".gif"
     if kind == ".gif":
         LOGGER.warning("%s; a GIF is made instead", film.NO_CODEC.split(";")[0])

@@ -10,7 +10,7 @@ import logging
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,10 +24,11 @@ from runout.forecast.numerical_error import read_convergence, require_error_bars
 from runout.forecast.sampling_error import median_error
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
+from runout.log import duration
 from runout.model.limits import CFL, SMALLEST_NET
 from runout.workflow.check_stiffness import VOLUME, member_stiffness
 from runout.workflow.flow_forecast import flows_of
-from runout.workflow.plan import duration, forecast
+from runout.workflow.plan import forecast
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -147,18 +148,45 @@ class TimeBudget:
             cells *= FINER
         return choices
 
+    def coarsened(self) -> Choice:
+        """Cells of the site if its members fit on them, else the finest coarser ones that fit and whose error is known.
+
+        Raises
+        ------
+        BudgetError
+            If not even the coarsest cells whose error is known fit; the message states what does.
+        """
+        own = self.of_size(self.site_size())
+        if own.seconds <= self.seconds or own.through <= FEWEST_MEASURED:
+            return own
+        return next((one for one in reversed(self.choices()) if one.cell_size[0] >= own.cell_size[0]), own)
+
+    def site_size(self) -> tuple[float, float, float]:
+        """Grid spacing of the site east, north, up [m]."""
+        from runout.config.member_arguments import grid_spacing
+
+        return grid_spacing(self.site.settings, self.site.data().masses)
+
+    def of_size(self, size: tuple[float, float, float]) -> Choice:
+        """The members of the site on cells of a size; the numerical error is NaN where it is not known."""
+        masses = self.site.data().masses
+        through = sum(m.volume for m in masses) / sum(m.area for m in masses) / size[2]
+        error = self.numerical_error(size, through) if through >= FEWEST_MEASURED else math.nan
+        return Choice(size, through, self._fewest, self._time(size, self._fewest), error, 0.0)
+
+    def require_time(self, site: "Site", left: Sequence[int]) -> None:
+        """Raise BudgetError if the members ``left`` of the site with chosen cells do not fit."""
+        needed = forecast(site, left, workers=self.workers, cost_of=self.cost_of).seconds
+        if needed > self.seconds:
+            raise self._too_short(len(left), f"{replace(self, site=site).site_size()[0]:g} m", needed)
+
     def _largest(self, cells: float, spread: float) -> Choice:
         """The choice of the most members that fit with so many cells through the release."""
         size, through = self._size(cells)
         numerical, fewest = self.numerical_error(size, through), self._fewest
         needed = self._time(size, fewest)
         if needed > self.seconds:
-            what = f"{fewest} members on cells of {size[0]:g} m" if fewest > 1 else f"a member on cells of {size[0]:g} m"
-            fits = f"{math.ceil(needed / 60.0)}min" if needed > UNITS["min"] else f"{math.ceil(needed)}s"
-            raise BudgetError(
-                f"the time of {duration(self.seconds)} is too short: {what}, the coarsest whose error is known, need about "
-                f"{duration(needed)}; --budget {fits} fits, or a shorter end_time, or fewer particles_per_cell"
-            )
+            raise self._too_short(fewest, f"{size[0]:g} m, the coarsest whose error is known,", needed)
         members, most = fewest, self._most(numerical, spread)
         while members < most and 2.0 * needed <= self.seconds:  # the time grows no faster than the number of members
             larger = min(most, members * 2 ** int(math.log2(self.seconds / needed)))
@@ -167,6 +195,14 @@ class TimeBudget:
                 break
             members, needed = larger, time
         return Choice(size, through, members, needed, numerical, self.sampling_error(spread, members))
+
+    def _too_short(self, members: int, cells: str, needed: float) -> BudgetError:
+        what = f"{members} members" if members > 1 else "a member"
+        fits = f"{math.ceil(needed / 60.0)}min" if needed > UNITS["min"] else f"{math.ceil(needed)}s"
+        return BudgetError(
+            f"the time of {duration(self.seconds)} is too short: {what} on cells of {cells} need about "
+            f"{duration(needed)}; --budget {fits} fits, or fewer values, a shorter end_time, or fewer particles_per_cell"
+        )
 
     def _most(self, numerical: float, spread: float) -> int:
         """Members beyond which the errors together hardly become smaller."""
@@ -188,11 +224,9 @@ class TimeBudget:
 
     def _size(self, cells: float) -> tuple[tuple[float, float, float], float]:
         """Spacing [m] with so many cells through the mean thickness of the release, of the shape of the site's cells, and cells."""
-        from runout.config.member_arguments import grid_spacing
-
         masses = self.site.data().masses
         depth = sum(m.volume for m in masses) / sum(m.area for m in masses)
-        east, north, up = grid_spacing(self.site.settings, masses)
+        east, north, up = self.site_size()
         height = Preset(cells, CFL).cell_size(depth, min(m.area for m in masses) / (max(east, north) / up) ** 2)
         return (height * east / up, height * north / up, height), depth / height
 

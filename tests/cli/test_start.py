@@ -123,13 +123,64 @@ def test_a_screen_shows_one_of_the_warnings_that_differ_in_numbers_and_a_file_sh
         for member in range(3):
             with log.of_member(member):
                 logging.getLogger("runout.simulation.single").warning("0.%d cells through the depth", member)
-            logging.getLogger("runout.simulation.run").info("member %d done", member, extra={"member": member, "progress": True})
         return capsys.readouterr().err.splitlines()
 
     assert told(True) == ["warning: member 0: 0.0 cells through the depth"]
-    assert told(False) == [
-        line for k in range(3) for line in (f"warning: member {k}: 0.{k} cells through the depth", f"member {k} done")
-    ]
+    assert told(False) == [f"warning: member {k}: 0.{k} cells through the depth" for k in range(3)]
+
+
+@pytest.fixture
+def line(monkeypatch):
+    """A line of progress of the third of five stages, after 100 s of 400 s, and the clock."""
+    clock = [0.0]
+    monkeypatch.setattr(log.time, "monotonic", lambda: clock[0])
+    shown = log.StatusLine(hidden=False)
+    shown.stage = "stage 3 of 5, ensemble"
+    shown.begin("")
+    clock[0] = 100.0
+    return shown, clock
+
+
+def test_line_of_progress_states_stage_members_and_time_left(line, capsys):
+    shown, clock = line
+    shown.update(0.25, "4 of 16 members")
+    assert capsys.readouterr().err == "stage 3 of 5, ensemble, 4 of 16 members, 25 %, 5 min 0 s left\n"  # to a file
+    clock[0] += 0.9 * log.REPORT_SECONDS
+    shown.update(0.5, "8 of 16 members", 60.0)
+    assert capsys.readouterr().err == "", "a file gets a line now and then"
+    assert shown.text() == "stage 3 of 5, ensemble, 8 of 16 members, 50 %, 60 s left"
+
+
+@pytest.mark.parametrize("width", [10, 20, 40, 60, 200])
+def test_line_of_progress_fits_on_a_terminal(line, width, monkeypatch):
+    from io import StringIO
+
+    from rich.console import Console
+
+    shown, _ = line
+    shown.update(0.25, "4 of 16 members")
+    screen = Console(file=StringIO(), force_terminal=True, color_system=None, width=width)
+    monkeypatch.setattr(log, "console", lambda: screen)
+    screen.print(shown._drawn())
+    drawn = screen.file.getvalue()
+    assert drawn.count("\n") == 1
+    assert len(drawn.strip()) < width
+    assert "25 %" in drawn
+    assert ("ensemble" in drawn) == (width >= 40)
+    assert ("4 of 16 members" in drawn) == (width >= 60)
+
+
+def test_stages_and_their_parts_share_one_line():
+    log.to_terminal(-1)
+    with log.progress_of_stages() as begin:
+        begin("stage 1 of 2, terrain")
+        outer = log.LINE.get()
+        with log.progress("members") as update:
+            update(0.5)
+            assert log.LINE.get() is outer
+        begin("stage 2 of 2, release")
+        assert outer.text().startswith("stage 2 of 2, release, 1 s")
+    assert log.LINE.get() is None
 
 
 @dataclass

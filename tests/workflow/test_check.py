@@ -10,6 +10,7 @@ from ramp_site import SITE, ramp, slab, write_raster, write_site
 import runout
 from runout import cli
 from runout.errors import BudgetError, ExitCode
+from runout.log import duration
 from runout.model.depth_resolution import LOST
 from runout.workflow import plan
 from runout.workflow.check import inspect
@@ -253,7 +254,7 @@ def test_millions_of_particles_are_counted_without_an_array_of_them(tmp_path):
 
 
 def test_times_are_said_as_people_say_them():
-    assert [plan.duration(seconds) for seconds in (3.21, 45.4, 200, 7500)] == ["3.2 s", "45 s", "3 min 20 s", "2 h 5 min"]
+    assert [duration(seconds) for seconds in (3.21, 45.4, 200, 7500)] == ["3.2 s", "45 s", "3 min 20 s", "2 h 5 min"]
 
 
 def plan_members(site):

@@ -40,7 +40,7 @@ def ramp(tmp_path_factory):
 
 
 def test_median_scenario_lies_in_the_middle_of_its_distributions(ramp):
-    assert convergence.median_parameters(read_site(ramp)) == {"basal_friction_angle_deg": pytest.approx(17.0)}
+    assert convergence.median_parameters(read_site(ramp).settings) == {"basal_friction_angle_deg": pytest.approx(17.0)}
 
 
 def made_up(calls, site, escaped=0.0):
