@@ -15,7 +15,7 @@ from docutils.parsers.rst import Directive
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-BOUNDS = {Ge: ("≥ {}", "ge"), Gt: ("> {}", "gt"), Le: ("≤ {}", "le"), Lt: ("< {}", "lt")}
+BOUNDS = {Ge: ("≥\u00a0{}", "ge"), Gt: (">\u00a0{}", "gt"), Le: ("≤\u00a0{}", "le"), Lt: ("<\u00a0{}", "lt")}
 
 
 class SettingsTable(SphinxDirective):

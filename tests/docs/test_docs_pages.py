@@ -1,6 +1,7 @@
 import html
 import io
 import re
+import shutil
 import sys
 import tomllib
 import typing
@@ -22,10 +23,14 @@ from runout.variables import VARIABLES
 
 @pytest.fixture(scope="module")
 def pages(repository, tmp_path_factory):
-    """The built pages; a warning of sphinx is an error."""
+    """The built pages, without runs of the gallery; a warning of sphinx is an error. The gallery writes to the sources: a copy."""
     from sphinx.application import Sphinx
 
-    source, target = repository / "docs", tmp_path_factory.mktemp("pages")
+    folder = tmp_path_factory.mktemp("pages")
+    source, target = folder / "docs", folder / "html"
+    shutil.copytree(repository / "docs", source, ignore=shutil.ignore_patterns("_build", "pictures", "__pycache__"))
+    for name in ("runout", "sites", "tests"):
+        (folder / name).symlink_to(repository / name)
     warnings = io.StringIO()
     application = Sphinx(
         source,
@@ -33,7 +38,7 @@ def pages(repository, tmp_path_factory):
         target,
         target / "doctrees",
         "html",
-        {"nb_execution_mode": "off"},
+        {"nb_execution_mode": "off", "plot_gallery": "False"},
         status=None,
         warning=warnings,
         freshenv=True,
