@@ -22,7 +22,7 @@ assert 0 < taken_up < float(bed.depth.sum()) * cell**2
 
 change = result.maps["elevation_change"]
 _, axes = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
-colours = {"cmap": "RdBu", "vmin": -5, "vmax": 5, "cbar_kwargs": {"label": "change of elevation [m]", "shrink": 0.7}}
+colours = {"cmap": "RdBu_r", "vmin": -5, "vmax": 5, "cbar_kwargs": {"label": "change of elevation [m]", "shrink": 0.7}}
 change.where(abs(change) > 0.05).plot(ax=axes, **colours)
 axes.contour(change.x, change.y, terrain.elevation, 20, colors="0.6", linewidths=0.5)
 axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=f"{release.volume:.0f} m³ took up {taken_up:.0f} m³")

@@ -26,7 +26,7 @@ assert passed[0] <= release.volume * 1.001
 
 _, axes = plt.subplots(layout="constrained")
 for k, name in enumerate(lines):
-    label = f"{name}: {passed[k]:.0f} m³"
+    label = f"{name}: {100 * passed[k] / release.volume:.0f} %"
     axes.step(series.time, series.cross_sections["discharge"][k], where="pre", label=label)
 axes.set(xlabel="time [s]", ylabel="discharge [m³/s]", title=f"A release of {release.volume:.0f} m³")
-axes.legend(title="passed volume")
+axes.legend(title="share that passed")

@@ -19,7 +19,7 @@ rock = runout.DruckerPrager(density=2000.0, friction_angle=34.0)
 
 _, axes = plt.subplots(layout="constrained")
 reach = []
-for seconds in (2.0, 10.0, 50.0):
+for seconds in (1.0, 4.0, 12.0):
     pore = runout.PorePressure(ratio=0.7, decay_time=seconds)
     release = runout.Release.from_array(wet, terrain, placement="on_surface", pore_pressure=pore)
     result = runout.simulate(terrain, release, rock, basal_friction_angle=25.0, cell_size=5.0, end_time=35.0)
