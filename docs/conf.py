@@ -64,11 +64,11 @@ html_static_path = ["_static"]
 html_css_files = ["runout.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_sidebars = {name: [] for name in ("index", "quickstart", "tutorial", "theory", "api")}
+html_sidebars = {name: [] for name in ("index", "quickstart", "event", "tutorial", "theory", "api")}
 html_theme_options = {
     "logo": {"text": "runout"},
     "navbar_align": "left",
-    "header_links_before_dropdown": 8,
+    "header_links_before_dropdown": 9,
     "navbar_end": ["theme-switcher"],
     "navigation_with_keys": False,
     "show_toc_level": 2,
