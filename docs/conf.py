@@ -26,7 +26,7 @@ extensions = [
     "runout_tables",
     "bench_tables",
 ]
-exclude_patterns = ["_build", "_ext", "pages", "gallery/*.py", "gallery/GALLERY_HEADER.rst"]
+exclude_patterns = ["_build", "_ext", "pages", "gallery", "pictures/*.ipynb"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 html_math_renderer = "mathml"
@@ -47,6 +47,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": True,
+    "capture_repr": (),
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
