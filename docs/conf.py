@@ -21,11 +21,12 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
     "mathml",
     "runout_tables",
     "bench_tables",
 ]
-exclude_patterns = ["_build", "_ext", "pages"]
+exclude_patterns = ["_build", "_ext", "pages", "gallery", "pictures/*.ipynb"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 html_math_renderer = "mathml"
@@ -40,6 +41,20 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
 
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "pictures",  # made by the build, not part of the repository
+    "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": True,
+    "capture_repr": (),
+    "write_computation_times": False,
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "thumbnail_size": (400, 260),
+}
+
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 napoleon_google_docstring = False
@@ -51,11 +66,11 @@ html_static_path = ["_static"]
 html_css_files = ["runout.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_sidebars = {name: [] for name in ("index", "quickstart", "tutorial", "theory", "api")}
+html_sidebars = {name: [] for name in ("index", "quickstart", "event", "tutorial", "theory", "api")}
 html_theme_options = {
     "logo": {"text": "runout"},
     "navbar_align": "left",
-    "header_links_before_dropdown": 7,
+    "header_links_before_dropdown": 9,
     "navbar_end": ["theme-switcher"],
     "navigation_with_keys": False,
     "show_toc_level": 2,

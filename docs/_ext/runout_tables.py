@@ -1,8 +1,8 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
-``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
-``{friction-laws}`` and ``{erosion-laws}`` those of every friction and erosion law, ``{law-classes}`` their classes, and
-``{law-formulas}`` their formulas;
+``{settings} TerrainSettings`` lists the keys of a block of site.yaml, ``{settings} SiteSettings bulking`` only those named;
+``{laws}`` those of the material of every law, ``{friction-laws}`` and ``{erosion-laws}`` those of every friction and erosion law,
+``{law-classes}`` their classes, and ``{law-formulas}`` their formulas;
 ``{variables} max_speed peak_* ...`` lists variables of the products, ``{presets}`` those of accuracy, ``{scores}`` the scores, and
 ``{processes}`` the published values of each process.
 """
@@ -15,18 +15,20 @@ from docutils.parsers.rst import Directive
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-BOUNDS = {Ge: ("≥ {}", "ge"), Gt: ("> {}", "gt"), Le: ("≤ {}", "le"), Lt: ("< {}", "lt")}
+BOUNDS = {Ge: ("≥\u00a0{}", "ge"), Gt: (">\u00a0{}", "gt"), Le: ("≤\u00a0{}", "le"), Lt: ("<\u00a0{}", "lt")}
 
 
 class SettingsTable(SphinxDirective):
     """Table of the keys of a class of :mod:`runout.config.schema`."""
 
     required_arguments = 1
+    optional_arguments = 20
 
     def run(self) -> list[Any]:
         """Nodes of the table."""
-        model = _settings_class(self.arguments[0])
-        rows = [_setting_row(name, field) for name, field in model.model_fields.items()]
+        name, *keys = self.arguments
+        fields = _settings_class(name).model_fields
+        rows = [_setting_row(key, fields[key]) for key in keys or fields]
         return _table(self, ["key", "unit", "default", "range", "meaning"], rows)
 
 
@@ -229,9 +231,9 @@ def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, h
 
 
 def _settings_class(name: str) -> Any:
-    from runout.config import distributions, hazard, observations, pore_pressure, probes, remote, scenarios, schema
+    from runout.config import distributions, hazard, observations, pore_pressure, probes, release_start, remote, scenarios, schema
 
-    homes = (schema, hazard, distributions, observations, pore_pressure, probes, remote, scenarios)
+    homes = (schema, hazard, distributions, observations, pore_pressure, probes, release_start, remote, scenarios)
     return next(getattr(home, name) for home in homes if hasattr(home, name))
 
 

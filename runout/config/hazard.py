@@ -81,7 +81,9 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
         min_length=1,
         examples=[[{"thickness": 1.0, "speed": 1.0}]],
     )
-    percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")
+    percentiles: Percentiles = quantity(
+        "percentiles over the members: 50 is the middle, 95 is passed by one in twenty", [5.0, 50.0, 95.0], unit="%"
+    )
     scheme: Text | None = quantity(
         "scheme of danger classes: one that `runout schemes` lists, or a .yaml file of your own; needs ensemble.scenarios",
         None,

@@ -109,11 +109,19 @@ class ThalwegSettings(Settings):
 class ObservationSettings(Settings):
     """What was observed of the event. The maps are scored against it; members do not depend on it."""
 
-    outline: OutlineSettings | None = quantity("mapped outline", None, examples=[{"polygons": "inputs/outline.gpkg"}])
-    deposit: DepositSettings | None = quantity("thickness of the deposit", None, examples=[{"raster": "inputs/deposit.tif"}])
-    difference: DifferenceSettings | None = quantity("DEM of difference", None, examples=[{"raster": "inputs/dod.tif"}])
+    outline: OutlineSettings | None = quantity(
+        "mapped outline, which scores the area reached", None, examples=[{"polygons": "inputs/outline.gpkg"}]
+    )
+    deposit: DepositSettings | None = quantity(
+        "thickness of the deposit, which scores where the mass came to rest", None, examples=[{"raster": "inputs/deposit.tif"}]
+    )
+    difference: DifferenceSettings | None = quantity(
+        "DEM of difference, which scores volumes lost and gained", None, examples=[{"raster": "inputs/dod.tif"}]
+    )
     gauges: GaugeSettings | None = quantity(
-        "points with arrival time, thickness or speed", None, examples=[{"points": "inputs/gauges.gpkg", "arrival_time": "time_s"}]
+        "points with arrival time, thickness or speed, which score the motion",
+        None,
+        examples=[{"points": "inputs/gauges.gpkg", "arrival_time": "time_s"}],
     )
     thalweg: ThalwegSettings | None = quantity(
         "line along which fronts and reaches are measured", None, examples=[{"line": "inputs/thalweg.gpkg"}]

@@ -151,7 +151,10 @@ class TerrainSettings(Settings):
         examples=[[500000, 5000000, 510000, 5008000]],
     )
     resolution: float | None = limited(
-        "resolution", "average the raster over whole blocks of cells to about this size; cells of a mesh", None, examples=[10.0]
+        "resolution",
+        "average the raster over whole blocks of cells to about this size, where it is much finer than the grid; cells of a mesh",
+        None,
+        examples=[10.0],
     )
     smoothing: float | None = limited(
         "smoothing", "average the elevations over a triangle of this half-width against survey artefacts", None, examples=[20.0]
@@ -248,16 +251,23 @@ class ReleaseSettings(Settings):
         "volume", "volume of the mass: sets the thickness of the polygons, or is checked against it", None, examples=[100000.0]
     )
     placement: Literal["excavated", "on_surface"] = quantity(
-        "excavated: the mass is part of the elevation raster; on_surface: it lies on top of it", "excavated"
+        "excavated: the mass is part of the elevation raster, surveyed before it fails; on_surface: it lies on top of it, as snow, "
+        "or on its sliding surface, surveyed after the event",
+        "excavated",
     )
     edge: Literal["tapered", "vertical"] | None = quantity(
         "tapered: the mass thins out to its outline and keeps its volume; if excavated, its sliding surface leads out "
-        "of the scar; vertical: the same thickness up to the outline; default: tapered if excavated, vertical if on_surface",
+        "of the scar; vertical: the same thickness up to the outline, as of a slab of snow; default: tapered if excavated, "
+        "vertical if on_surface",
         None,
         examples=["vertical"],
     )
     basal_friction_angle_deg: FrictionAngle | None = quantity(
-        "friction angle under this mass only, or the attribute of the polygons that holds it", None, unit="deg", examples=[15.0]
+        "friction angle under this mass only, where it slides on other ground than the rest, or the attribute of the polygons that "
+        "holds it",
+        None,
+        unit="deg",
+        examples=[15.0],
     )
     basal_friction: OwnFriction | None = quantity(
         "friction under this mass only: some parameters of the law of the site, or a law of its own with all of its parameters",
@@ -270,7 +280,7 @@ class ReleaseSettings(Settings):
         examples=[{"law": DEFAULT_LAW, "friction_angle_deg": 28.0}],
     )
     pore_pressure: PorePressureSettings | None = quantity(
-        "pore pressure of this mass, which drains while it flows: ratio, saturation, and diffusivity or decay_time",
+        "water in this mass, which lowers its friction and drains while it flows: ratio, saturation, and diffusivity or decay_time",
         None,
         examples=[{"ratio": 0.7, "saturation": 1.0, "diffusivity": 1.0e-3}],
     )
@@ -294,29 +304,37 @@ class SimulationSettings(Settings):
         examples=["standard"],
     )
     cell_size: CellSize | None = quantity(
-        "grid spacing, one number or [east, north, up]; at most a quarter of the flow depth is recommended",
+        "grid spacing, one number or [east, north, up]; at most a quarter of the flow depth is recommended; half of it takes "
+        "sixteen times the time",
         None,
         unit="m",
         examples=[10.0],
     )
     particles_per_cell: ParticlesPerCell | None = quantity(
         f"particles per cell, a number or [east, north, up]; by default {list(PARTICLES_PER_CELL)}, or [3, 3, 1] for a "
-        "mass of five cells or more on level ground",
+        "mass of five cells or more on level ground; fewer save memory",
         None,
         examples=[list(PARTICLES_PER_CELL)],
     )
     end_time: float = limited("end_time", "longest simulated time")
-    stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
+    stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest; false to follow creep", True)
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
-    threads: int | None = quantity("threads of each member on the CPU [default: cores over members at once]", None, ge=1)
-    precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
-    substeps: int = limited("substeps", "most substeps of a transfer between particles and grid", 4)
-    initial_stress: Literal["at_rest", "none"] = quantity(
-        "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"
+    threads: int | None = quantity(
+        "threads of each member on the CPU; fewer leave cores to others [default: cores over members at once]", None, ge=1
     )
-    cfl: float = limited("cfl", "time step as a fraction of the stable one", CFL)
-    arrival_threshold: float = limited("arrival_threshold", "thickness that counts as arrival of the flow", 0.1)
+    precision: Literal["float32", "float64"] = quantity("float32, enough for maps, or float64, to check that", "float32")
+    substeps: int = limited(
+        "substeps", "most substeps of a transfer between particles and grid; 1 for a thin flow that leaves the ground", 4
+    )
+    initial_stress: Literal["at_rest", "none"] = quantity(
+        "at_rest: releases start with the stress of their own weight; none: they start without stress, as a mass that falls",
+        "at_rest",
+    )
+    cfl: float = limited("cfl", "time step as a fraction of the stable one; a smaller one is slower and not more accurate", CFL)
+    arrival_threshold: float = limited(
+        "arrival_threshold", "thickness that counts as arrival of the flow; raise it where thin fringes do not matter", 0.1
+    )
     snapshots: int | None = quantity(
         "thickness and speed of every member are kept at this number of times, evenly spaced, for `runout view` and `animate`",
         None,
@@ -361,7 +379,12 @@ class EnsembleSettings(Settings):
         hint="it is a probability: 0.02 for 2 %",
         examples=[0.02],
     )
-    seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
+    seed: int = quantity(
+        "seed of the sampling; the same seed gives the same members, another one shows what depends on the sample",
+        0,
+        ge=0,
+        le=2**31 - 1,
+    )
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
         f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material, friction and erosion have); "
         "of one release alone as RELEASE.parameter, also RELEASE.start_time and RELEASE.start_speed; "
@@ -469,9 +492,11 @@ def growth_conflicts(tolerance: float | None, members: int, parameters: list[str
 class BudgetSettings(Settings):
     """A run that is forecast to need more is refused."""
 
-    hours: float | None = quantity("wall-clock time", None, unit="h", gt=0, examples=[1.0])
-    memory_gb: float | None = quantity("memory", None, unit="GB", gt=0, examples=[8.0])
-    disk_gb: float | None = quantity("disk", None, unit="GB", gt=0, examples=[2.0])
+    hours: float | None = quantity("wall-clock time of the run", None, unit="h", gt=0, examples=[1.0])
+    memory_gb: float | None = quantity(
+        "memory of the run, so that the machine does not swap", None, unit="GB", gt=0, examples=[8.0]
+    )
+    disk_gb: float | None = quantity("disk that the results take", None, unit="GB", gt=0, examples=[2.0])
 
 
 def _text(description: str, **bounds: str) -> str | None:

@@ -15,7 +15,7 @@ from runout.errors import StorageError
 from runout.hazard.frequency import Frequencies, shares
 from runout.io import netcdf
 from runout.io.atomic import read_json, whole_file
-from runout.io.grid import grid_coordinates
+from runout.io.grid import grid_dataset
 from runout.io.map_layers import add_layers, put, whole_chunks
 from runout.io.member_maps import BED_MAPS, MEMBER_MAPS, MemberMaps
 from runout.model.terrain import Terrain
@@ -162,9 +162,8 @@ def members_file(
 
 def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
     """Sampled parameters, weight, seed, status and reason of failure over ``realization``, on the raster."""
-    import xarray as xr
 
-    dataset = xr.Dataset(coords=grid_coordinates(terrain))
+    dataset = grid_dataset(terrain)
     dataset = dataset.assign_coords(realization=ensemble.table.index.to_numpy(np.int32))
     for column in ensemble.table.columns:
         dataset[column] = ("realization", ensemble.table[column].to_numpy(), parameter_variable(str(column)).attributes())

@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.hazard.order import normalised
 from runout.hazard.probe_series import PERCENTILES, percentiles_of
+from runout.io.grid import crs_as_variable, grid_dataset
 from runout.io.member_maps import MemberMaps
 from runout.io.probe_files import PERCENTILE, place_coordinates
 from runout.model.probes import CrossSection, cell_of, ground_at
@@ -126,21 +127,13 @@ def _median_front(line: ProfileLine, members: Sequence[Mapping[str, np.ndarray]]
 def _values(files: Sequence[Path], lines: list[ProfileLine], terrain: Terrain) -> list[list[dict[str, np.ndarray]]]:
     """Values along each line of each member."""
     by_line: list[list[dict[str, np.ndarray]]] = [[] for _ in lines]
-    grid = _grid(terrain)
+    grid = grid_dataset(terrain)
     for path in files:
         with MemberMaps(path) as member:
             member.require_grid(grid, terrain.source)
             for line, by_member in zip(lines, by_line, strict=True):
                 by_member.append(line.read(member, member.held()))
     return by_line
-
-
-def _grid(terrain: Terrain) -> "xr.Dataset":
-    import xarray as xr
-
-    from runout.io.grid import grid_coordinates
-
-    return xr.Dataset(coords=grid_coordinates(terrain))
 
 
 def _dataset(
@@ -152,13 +145,13 @@ def _dataset(
     coordinates = {DISTANCE: (DISTANCE, line.distance), **place_coordinates(line.places, DISTANCE, terrain)}
     if len(percentiles):
         coordinates[PERCENTILE] = (PERCENTILE, np.array(percentiles, float))
-    dataset = xr.Dataset(coords=coordinates, attrs={"line": line.name})
+    dataset = crs_as_variable(xr.Dataset(coords=coordinates, attrs={"line": line.name}))
     known = np.isfinite(terrain.elevation[line.cells])
     for name, along_line in {"ground_elevation": line.ground, "bed_elevation": line.bed, **values}.items():
         variable = VARIABLES[name]
         dims = (PERCENTILE, DISTANCE)[2 - along_line.ndim :]
         dataset[name] = (dims, np.where(known, along_line, np.nan).astype(variable.dtype), variable.attributes())
-        dataset[name].encoding |= {"coordinates": "x y"} | ({"grid_mapping": "crs"} if "crs" in dataset.coords else {})
+        dataset[name].encoding |= {"coordinates": "x y"} | ({"grid_mapping": "crs"} if "crs" in dataset else {})
         if PERCENTILE in dims:
             dataset[name].attrs["long_name"] = f"percentile over the members of the {variable.long_name}"
     return dataset
@@ -169,7 +162,7 @@ def profile_table(dataset: "xr.Dataset") -> "pd.DataFrame":
     import pandas as pd
 
     columns = {f"{name} [m]": dataset[name].values for name in (DISTANCE, "x", "y")}
-    for name, variable in dataset.data_vars.items():
+    for name, variable in dataset.drop_vars("crs", errors="ignore").data_vars.items():
         units = VARIABLES[str(name)].units
         if PERCENTILE in variable.dims:
             columns |= {f"{name} p{q:g} [{units}]": variable.sel(percentile=q).values for q in dataset[PERCENTILE].values}

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 UNNAMED = "latitude_longitude"  # grid mapping of CF that states only the ellipsoid
 
 
-def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
-    """Coordinates of the cell centres: ``x`` ascending, ``y`` descending [m], and ``crs`` unless the system is local.
+def grid_dataset(terrain: Terrain) -> "xr.Dataset":
+    """Dataset with the cell centres ``x`` ascending, ``y`` descending [m], and the variable ``crs`` unless the system is local.
 
     If CF does not define the projection, also ``longitude`` and ``latitude`` [degree] of the middle of the raster.
     """
@@ -32,7 +32,12 @@ def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
         coordinates["crs"] = xr.Variable((), np.int32(0), attributes)
         if attributes["grid_mapping_name"] == UNNAMED:
             coordinates |= _middle(terrain)
-    return coordinates
+    return crs_as_variable(xr.Dataset(coords=coordinates))
+
+
+def crs_as_variable(dataset: "xr.Dataset") -> "xr.Dataset":
+    """The dataset with ``crs``, if it has one, as a variable: the title of a plot names every scalar coordinate."""
+    return dataset.reset_coords("crs") if "crs" in dataset.coords else dataset
 
 
 def _middle(terrain: Terrain) -> "dict[str, xr.Variable]":

@@ -11,7 +11,7 @@ import numpy as np
 
 from runout.errors import StorageError
 from runout.io import netcdf
-from runout.io.grid import grid_coordinates
+from runout.io.grid import crs_as_variable, grid_dataset
 from runout.io.window import NEVER_BELOW, Part
 from runout.model.terrain import Terrain
 from runout.quantities import WITHOUT_VALUE, bed_map_names, member_map_names
@@ -81,11 +81,9 @@ def cut_to_reached(
     raster : xarray.Dataset
         Content of the group :data:`RASTER`: the place of the whole raster, and which cells have an elevation unless all have.
     """
-    import xarray as xr
-
     part = reached_part({name: terrain.where_known(values) for name, values in maps.items()})
     attributes = dict(zip(_ATTRIBUTES, map(np.int32, (part.row, part.column, *terrain.shape)), strict=True))
-    raster = xr.Dataset(coords=grid_coordinates(terrain))
+    raster = grid_dataset(terrain)
     known = np.isfinite(terrain.elevation)
     if not known.all():
         netcdf.add_map(raster, "elevation_known", known)
@@ -146,7 +144,7 @@ class MemberMaps:
             store = xr.backends.NetCDF4DataStore(self.file.groups[RASTER] if self.is_part else self.file)
             dataset = xr.open_dataset(store, decode_coords="all", decode_timedelta=False)
             wanted = [name for name in _PLACE if name in dataset.variables]
-            return xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted})
+            return crs_as_variable(xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted}))
 
     def known(self) -> np.ndarray | None:
         """Cells of the whole raster that have an elevation, (rows, columns) of bool; None if the file names none that have not."""

@@ -15,7 +15,7 @@ from runout import __version__
 from runout.errors import DiskFullError, StorageError
 from runout.io.acdd import STANDARD_NAMES, vertical_attributes
 from runout.io.atomic import storage_error, whole_file
-from runout.io.grid import extent_attributes, grid_coordinates
+from runout.io.grid import crs_as_variable, extent_attributes, grid_dataset
 from runout.io.map_layers import CHUNK, add_layers, put
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
@@ -50,9 +50,8 @@ def map_dataset(
     ValueError
         If a map has another shape than the terrain, or its name is not in the table.
     """
-    import xarray as xr
-
-    dataset = xr.Dataset(coords=grid_coordinates(terrain), attrs=global_attributes(terrain, title) | dict(attrs or {}))
+    dataset = grid_dataset(terrain)
+    dataset.attrs = global_attributes(terrain, title) | dict(attrs or {})
     for name, values in maps.items():
         add_map(dataset, name, values)
     return dataset
@@ -68,7 +67,7 @@ def add_map(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple[st
     if array.shape[-2:] != rows_columns or array.ndim != len(dims) + 2:
         raise ValueError(f"{name} has shape {array.shape}; the terrain has {rows_columns[0]} rows and {rows_columns[1]} columns")
     dataset[name] = ((*dims, *MAP_DIMS), array, variable.attributes())
-    if "crs" in dataset.coords:
+    if "crs" in dataset:
         dataset[name].encoding["grid_mapping"] = "crs"
 
 
@@ -160,9 +159,6 @@ def _write_maps(maps: "Mapping[str, xr.DataArray]", path: Path) -> None:
     import netCDF4
 
     with netCDF4.Dataset(path, "a") as file:
-        if maps and "coordinates" in file.ncattrs():  # names variables to which none refers; the maps refer to their system
-            named = [name for name in file.coordinates.split() if name != "crs"]
-            file.setncattr("coordinates", " ".join(named)) if named else file.delncattr("coordinates")
         for name, array in maps.items():
             dims = tuple(map(str, array.dims[:-2]))
             attributes = dict(array.attrs)
@@ -174,7 +170,7 @@ def _write_maps(maps: "Mapping[str, xr.DataArray]", path: Path) -> None:
 
 
 def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
-    """Dataset of a file or of one of its groups, loaded; ``crs`` is a coordinate, missing values are NaN, times are numbers.
+    """Dataset of a file or of one of its groups, loaded; missing values are NaN, times are numbers.
 
     Raises
     ------
@@ -184,7 +180,7 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
     import xarray as xr
 
     with reading(path, f"group {group} " if group else ""):
-        return xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_times=False)
+        return crs_as_variable(xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_times=False))
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -221,13 +217,11 @@ def reading(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
 
 
 def _encoded(dataset: "xr.Dataset") -> "xr.Dataset":
-    dataset = dataset.copy()
-    if "crs" in dataset.data_vars:
-        dataset = dataset.set_coords("crs")
+    dataset = crs_as_variable(dataset.copy())
     for name in dataset.variables:
         _describe(dataset[name], str(name))
     for name in dataset.data_vars:
-        _encode_map(dataset[name], "crs" in dataset.coords)
+        _encode_map(dataset[name], "crs" in dataset)
     return dataset
 
 

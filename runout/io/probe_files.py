@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.io.atomic import whole_file
-from runout.io.grid import grid_mapping
+from runout.io.grid import crs_as_variable, grid_mapping
 from runout.model.probe_series import ProbeSeries
 from runout.model.probes import Probes, ground_at
 from runout.model.terrain import Terrain
@@ -67,7 +67,7 @@ def sections_frame(probes: Probes, terrain: Terrain, time: np.ndarray) -> "xr.Da
 def _frame(names: list[str], places: np.ndarray, terrain: Terrain, time: np.ndarray) -> "xr.Dataset":
     import xarray as xr
 
-    dataset = xr.Dataset(coords=place_coordinates(places, STATION, terrain), attrs={"featureType": "timeSeries"})
+    dataset = crs_as_variable(xr.Dataset(coords=place_coordinates(places, STATION, terrain), attrs={"featureType": "timeSeries"}))
     text = VARIABLES["station_name"].attributes() | {"cf_role": "timeseries_id"}
     dataset = dataset.assign_coords(
         {
@@ -104,7 +104,7 @@ def add_values(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple
     dataset[name] = (dims, np.asarray(values).astype(variable.dtype), variable.attributes())
     timed = TIME in dims
     dataset[name].encoding["coordinates"] = _PLACES if timed else _PLACES.removeprefix("time ")
-    if "crs" in dataset.coords:
+    if "crs" in dataset:
         dataset[name].encoding["grid_mapping"] = "crs"
 
 

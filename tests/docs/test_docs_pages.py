@@ -1,12 +1,16 @@
 import html
 import io
 import re
+import shutil
 import sys
 import tomllib
+import typing
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from links import broken
+from pydantic import BaseModel
 from ruamel.yaml import YAML
 
 import runout
@@ -19,10 +23,14 @@ from runout.variables import VARIABLES
 
 @pytest.fixture(scope="module")
 def pages(repository, tmp_path_factory):
-    """The built pages; a warning of sphinx is an error."""
+    """The built pages, without runs of the gallery; a warning of sphinx is an error. The gallery writes to the sources: a copy."""
     from sphinx.application import Sphinx
 
-    source, target = repository / "docs", tmp_path_factory.mktemp("pages")
+    folder = tmp_path_factory.mktemp("pages")
+    source, target = folder / "docs", folder / "html"
+    shutil.copytree(repository / "docs", source, ignore=shutil.ignore_patterns("_build", "pictures", "__pycache__"))
+    for name in ("runout", "sites", "tests"):
+        (folder / name).symlink_to(repository / name)
     warnings = io.StringIO()
     application = Sphinx(
         source,
@@ -30,7 +38,7 @@ def pages(repository, tmp_path_factory):
         target,
         target / "doctrees",
         "html",
-        {"nb_execution_mode": "off"},
+        {"nb_execution_mode": "off", "plot_gallery": "False"},
         status=None,
         warning=warnings,
         freshenv=True,
@@ -76,12 +84,41 @@ def test_every_public_name_is_on_the_api_page(pages):
         assert name in text, name
 
 
-def test_every_key_of_site_yaml_is_in_the_guide(pages):
-    text = text_of(pages / "guide" / "site_yaml.html")
+def keys_of(model: type[BaseModel]) -> Iterator[str]:
+    """Keys of a block of site.yaml and of the blocks in it."""
+    for key, field in model.model_fields.items():
+        yield key
+        for inner in blocks_in(field.annotation):
+            yield from keys_of(inner)
+
+
+def blocks_in(annotation: object) -> Iterator[type[BaseModel]]:
+    """Models that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in typing.get_args(annotation):
+        yield from blocks_in(part)
+
+
+def test_every_key_of_site_yaml_is_in_a_table_of_the_guide(pages):
+    folder = pages / "guide" / "site_yaml"
+    tables = re.findall(r"<td><p><code[^>]*>(.*?)</code>", "".join(page.read_text() for page in folder.glob("*.html")))
+    named = {text for cell in tables for text in re.findall(r"[\w]+", re.sub(r"<[^>]+>", "", cell))}
+    assert {"resolution", "cone", "standard_deviation", "sha256"} <= set(keys_of(SiteSettings)) | named
+    assert set(keys_of(SiteSettings)) - set(SiteSettings.model_fields) - named == set()
+
+
+def test_the_overview_of_site_yaml_names_every_block_and_links_every_page(pages, repository):
+    overview = (repository / "docs" / "guide" / "site_yaml" / "index.md").read_text().split("## Blocks")[1].split("## Top")[0]
     for key in SiteSettings.model_fields:
-        assert key in text, key
-    for key in ("resolution", "placement", "cone", "particles_per_cell", "percentiles", "standard_deviation", "sha256"):
-        assert key in text, key
+        assert re.search(rf"\b{key}\b", overview), key
+    others = {path.name for path in (repository / "docs" / "guide" / "site_yaml").glob("*.md")} - {"index.md"}
+    assert others == set(re.findall(r"\]\(([\w.]+)\)", overview))
+
+
+def test_no_key_of_site_yaml_lacks_a_meaning(pages):
+    for page in sorted((pages / "guide" / "site_yaml").glob("*.html")):
+        assert "<td><p>None</p></td>" not in page.read_text(), page.name
 
 
 def test_every_law_is_in_the_theory_with_its_formula(pages):
@@ -99,7 +136,7 @@ def test_every_headline_map_is_in_the_guide_with_its_meaning(pages):
 
 
 def test_the_example_of_the_guide_is_a_valid_site(repository):
-    guide = (repository / "docs" / "guide" / "site_yaml.md").read_text()
+    guide = (repository / "docs" / "guide" / "site_yaml" / "index.md").read_text()
     example = re.search(r"^```yaml\n(.*?)^```", guide, re.S | re.M)
     settings = SiteSettings.model_validate(YAML(typ="safe").load(example[1]))
     assert settings.ensemble.members == 32

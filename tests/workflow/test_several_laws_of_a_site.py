@@ -19,12 +19,12 @@ from runout.workflow.check import inspect
 from runout.workflow.check_physics import least_friction
 from runout.workflow.compilation import _Kernels
 
-PAGE = Path(__file__).parents[2] / "docs" / "guide" / "site_yaml.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "site_yaml" / "release.md"
 
 
 def example():
     """The block of the documentation."""
-    section = PAGE.read_text(encoding="utf-8").split("### Laws of a release", 1)[1]
+    section = PAGE.read_text(encoding="utf-8").split("## Laws of a release", 1)[1]
     return yaml.safe_load(section.split("```yaml\n", 1)[1].split("```", 1)[0])
 
 
