@@ -97,7 +97,9 @@ def files() -> dict[str, list[str]]:
     table = (ROOT / "docs" / "guide" / "outputs.md").read_text().split("## hazard.nc")[0]
     first = "\n".join(line.split("|")[1] for line in table.splitlines() if line.startswith("| `"))
     names = [name for name in re.findall(r"`([^`]+)`", first) if not name.startswith("*")]
-    return {name: naming(name.split("/")[0], rf"[\"'/]{re.escape(name.split('/')[0])}[\"'/]") for name in names}
+    starts = {name: name.split("/")[0].removeprefix("SITE") for name in names}  # SITE stands for the name of any site
+    before = {name: r"\w" if name.startswith("SITE") else r"[\"'/]" for name in names}
+    return {name: naming(start, rf"{before[name]}{re.escape(start)}[\"'/]") for name, start in starts.items()}
 
 
 @pytest.mark.parametrize(

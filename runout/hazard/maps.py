@@ -114,6 +114,11 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[MapLayer]:
         yield MapLayer(stem, name, selection, _group_of(name), title[:1].upper() + title[1:])
 
 
+def headline(hazard: "xr.Dataset") -> MapLayer:
+    """The map to look at first: levels of danger, or the probability of inundation."""
+    return next(map_layers(hazard))
+
+
 def _layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float], str]]:
     """File name without suffix, variable, coordinates and words of the layers."""
     if LEVEL in hazard:

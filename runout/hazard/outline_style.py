@@ -29,7 +29,7 @@ _PROPOSED_LABEL = "\"rank\" || ': ' || format_number(\"volume_m3\", 0) || ' m³'
 def outline_styles() -> dict[str, str]:
     """Text of the QGIS style of each layer of ``outlines.gpkg``."""
     return {
-        "release": one_symbol(FILL, _outline(RELEASE, "0.7"), '"name"', RELEASE),
+        "release": one_symbol(FILL, _outline(RELEASE, "0.7") | {"casing": "1.5"}, '"name"', RELEASE),
         "inundation": _levels(PROBABILITY_LEVELS),
         "obstacles": one_symbol(FILL, _hatched(OBSTACLE), _OBSTACLE_LABEL, OBSTACLE),
         "friction_zones": one_symbol(FILL, _outline(_ZONE, "0.4") | {"outline_style": "dash"}, _ZONE_LABEL, _ZONE),

@@ -62,7 +62,15 @@ def _root(labels: bool) -> Element:
 
 
 def _symbol(parent: Element, name: str, kind: str, own: dict[str, str]) -> None:
+    """A symbol; ``casing`` is the width of a white line below its outline, so that it shows on any colour."""
     symbol = SubElement(parent, "symbol", type=kind, name=name, alpha="1", clip_to_extent="1", force_rhr="0")
+    own, casing = {key: value for key, value in own.items() if key != "casing"}, own.get("casing")
+    if casing:
+        _symbol_layer(symbol, kind, own | {"outline_color": "#ffffff", "outline_width": casing})
+    _symbol_layer(symbol, kind, own)
+
+
+def _symbol_layer(symbol: Element, kind: str, own: dict[str, str]) -> None:
     layer = SubElement(symbol, "layer", {"class": _LAYERS[kind], "enabled": "1", "locked": "0", "pass": "0"})
     options = SubElement(layer, "Option", type="Map")
     for key, value in (_DEFAULTS[kind] | own).items():

@@ -65,6 +65,12 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
     assert next(styles["release"].iter("text-style")).get("fieldName") == '"name"'
 
 
+def test_the_release_shows_on_red_for_it_has_a_white_line_below():
+    below, above = read(outline_styles()["release"]).iter("layer")
+    assert (options(below)["outline_color"], options(above)["outline_color"]) == ("255,255,255,255", "215,38,61,255")
+    assert float(options(below)["outline_width"]) > float(options(above)["outline_width"])
+
+
 def test_points_lines_and_areas_have_symbols_of_their_kind():
     styles = outline_styles() | slope_styles()
     kinds = {name: "".join({s.get("type") for s in read(text).iter("symbol")}) for name, text in styles.items()}

@@ -14,7 +14,7 @@ import numpy as np
 
 from runout import __version__
 from runout.hazard.archives import filled, write_archive
-from runout.hazard.maps import GROUPS, MapLayer, map_layers
+from runout.hazard.maps import GROUPS, headline, map_layers
 from runout.hazard.writers import Products
 from runout.hazard.writers.outlines import ARRIVAL_LAYER, ARRIVAL_START, arrival_edges, moment
 from runout.io.grid import horizontal_crs
@@ -136,11 +136,6 @@ def _with_meaning(root: ElementTree.Element) -> str:
     """Places of the classes in a legend of QGIS: without the name of the band and the class of nothing."""
     items = [*root.iter("item"), *root.iter("paletteEntry")]
     return ",".join(str(k) for k, item in enumerate(items, 1) if item.get("alpha") != "0")
-
-
-def headline(hazard: "xr.Dataset") -> MapLayer:
-    """The map to look at first: levels of danger, or the probability of inundation."""
-    return next(map_layers(hazard))
 
 
 def _vector_layers(results: Path, first: str) -> Iterator[Layer]:

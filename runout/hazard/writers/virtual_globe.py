@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.hazard.archives import earlier_archives, filled, write_archive
-from runout.hazard.maps import classes_of, map_layers
+from runout.hazard.maps import classes_of, headline
 from runout.hazard.style import MapClasses
 from runout.hazard.writers import Products
 from runout.io.geotiff import raster_crs, raster_transform
@@ -40,7 +40,7 @@ def write(products: Products) -> list[Path]:
     if raster_crs(hazard) is None:
         LOGGER.info("%s.kmz is not written: the elevation has no coordinate reference system and so no place on a globe", name)
         return []
-    layer = next(map_layers(hazard))
+    layer = headline(hazard)
     classes = classes_of(hazard, layer.name)
     picture, box = overlay(hazard, layer.name, classes)
     content = {
