@@ -236,10 +236,12 @@
     await Plotting.show(plot, target);
   }
 
+  let opened = 0;
   async function open(item) { // its tables or charts
-    const details = byId("details"), {tables = [], charts = [], along = "", remark = ""} = item.details;
+    const turn = ++opened, details = byId("details"), {tables = [], charts = [], along = "", remark = ""} = item.details;
     details.replaceChildren(element("b", item.label), ...tables.map(tableOf), element("p", remark, {class: "explorer-note"}));
     for (const [k, chart] of charts.entries()) {
+      if (turn !== opened) return; // another mark was opened meanwhile
       const target = element("div");
       details.lastElementChild.before(target);
       await drawChart(chart, k === charts.length - 1 ? along : "", target);
@@ -253,19 +255,12 @@
   // ---- view: one scale on both axes ----
   let view = null; // middle, and metres of a pixel
   const frame = () => figureView.frame.bbox;
-  function noteView() { // BokehJS has a scale bar, which leaves ink in the corner of the map when it is drawn again
-    view = current();
-    const most = Math.min(160, 0.4 * frame().width) * view.perPixel, ten = 10 ** Math.floor(Math.log10(most));
-    const length = Math.max(...[1, 2, 5].map((digit) => digit * ten).filter((round) => round <= most));
-    byId("scale").style.width = `${length / view.perPixel}px`;
-    byId("scale").textContent = length >= 1000 ? `${length / 1000} km` : `${length} m`;
-  }
   function fit(middle, perPixel) {
     const {width, height} = frame();
     if (!(width > 0 && height > 0)) return;
     figure.x_range.setv({start: middle[0] - 0.5 * width * perPixel, end: middle[0] + 0.5 * width * perPixel});
     figure.y_range.setv({start: middle[1] - 0.5 * height * perPixel, end: middle[1] + 0.5 * height * perPixel});
-    noteView();
+    view = {middle, perPixel};
   }
   function current() {
     const {x_range: x, y_range: y} = figure;
@@ -377,7 +372,7 @@
     });
     figure.on_event("mousemove", ({x, y}) => read(x, y));
     figure.on_event("tap", ({x, y}) => pin(x, y));
-    for (const range of [figure.x_range, figure.y_range]) range.change.connect(noteView);
+    for (const range of [figure.x_range, figure.y_range]) range.change.connect(() => { view = current(); });
     new ResizeObserver(() => requestAnimationFrame(() => (view ? fit(view.middle, view.perPixel) : showAll()))).observe(byId("map"));
     dark.addEventListener("change", () => theme(figure));
   }
@@ -389,6 +384,9 @@
     figure.left[0].setv({formatter, axis_label: `${north} [m]`, major_label_orientation: "vertical"});
     for (const axis of [figure.below[0], figure.left[0]]) axis.ticker.desired_num_ticks = 4;
     for (const grid of figure.center.filter((part) => part instanceof Bokeh.Grid)) grid.visible = false;
+    figure.add_layout(new Bokeh.ScaleBar({
+      range: figure.x_range, unit: "m", location: "bottom_left", bar_length: 0.15, padding: 6, background_fill_alpha: 0.75, border_line_color: null,
+    }));
     figure.scatter({x: {field: "x"}, y: {field: "y"}, source: pins, marker: "cross", size: 16, line_color: "#000000", line_width: 2});
     const pan = new Bokeh.PanTool(), wheel = new Bokeh.WheelZoomTool({zoom_on_axis: false});
     figure.add_tools(pan, wheel, new Bokeh.TapTool({renderers: hovered}), new Bokeh.HoverTool({renderers: hovered, tooltips: "@labels"}));

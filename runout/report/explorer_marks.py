@@ -25,6 +25,7 @@ OUTLINE = "#8c1a4b"
 PROFILES = "profiles"  # folder that `runout profile` writes
 MOST_PLACES = 600  # of a line in a chart
 DIGITS = 4
+LABELLED = 0.12  # of the length of a line
 
 
 def marks(study: Study, settings: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -143,7 +144,7 @@ def _remark(dataset: "xr.Dataset", places: int) -> str:
     if PERCENTILE in dataset.dims:
         levels = dataset[PERCENTILE].values
         sentences.append(f"Line: median of the members, each place for itself. Band: {levels.min():g} to {levels.max():g} %.")
-    return " ".join([*sentences, f"Every {step}th value is drawn."] if step > 1 else sentences)
+    return " ".join([*sentences, f"One in {step} values is drawn."] if step > 1 else sentences)
 
 
 def _thin(values: np.ndarray) -> list[float | None]:
@@ -156,7 +157,7 @@ def _item(mark: Mark, details: dict[str, Any] | None) -> dict[str, Any]:
     kind = mark.geometry.geom_type.removeprefix("Multi").lower()
     parts = [_rounded(part) for part in _parts(mark.geometry)]
     shape = mark.geometry
-    middle = shape.interpolate(0.5, normalized=True) if shape.geom_type == "LineString" else shape.representative_point()
+    middle = shape.interpolate(LABELLED, normalized=True) if shape.geom_type == "LineString" else shape.representative_point()
     return {
         "label": mark.label,
         "kind": kind,
