@@ -37,7 +37,7 @@ SCENES = (
         "Real terrain, a hypothetical release: speed of the particles.",
         Choices(member=4, colour="speed", show="particles"),
     ),
-    Scene("dam_demo", "A dam in the flow (synthetic): forces on each facade.", Choices(member=4, show="particles")),
+    Scene("dam_demo", "A dam, a gallery and buildings in the flow (synthetic).", Choices(member=4, show="particles")),
 )
 
 

@@ -24,11 +24,11 @@ from runout.config.set_values import PREFIXES, SAMPLED
 from runout.config.wording import choice_fix
 from runout.ensemble.design import member_table, quantiles
 from runout.errors import ConfigError, Problem
-from runout.hazard.order import weighted_percentiles
 from runout.model.limits import Range
 
 FORM = "write KEY=LOW:HIGH:STEP or KEY=A,B,C, such as basal_friction_angle_deg=15:25:1"
 MOST_RUNS = 500
+ROUNDING = 1e-12  # of summed weights
 
 
 @dataclass(frozen=True)
@@ -191,8 +191,9 @@ def _medians_of_members(ensemble: EnsembleSettings, scenario: str | None) -> dic
     for name in (str(column) for column in table.columns if column not in ROW_EXTRAS):
         stated = table[table[name].notna()]
         if len(stated) and (scenario is not None or not name.endswith(FAILS)):
-            weights = stated["weight"].to_numpy(np.float64)
-            medians[name] = float(weighted_percentiles(stated[[name]].to_numpy(np.float64), weights / weights.sum(), [50.0])[0, 0])
+            ordered = stated.sort_values(name)
+            reached = ordered["weight"].cumsum().to_numpy()
+            medians[name] = float(ordered[name].iloc[int((reached >= (0.5 - ROUNDING) * reached[-1]).argmax())])
     return medians
 
 

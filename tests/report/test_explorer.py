@@ -273,6 +273,16 @@ def written(made, path):
     return path
 
 
+def pixel_of(page, x, y):
+    """Place of map coordinates [m] on the screen."""
+    return page.run(
+        "(() => { const plot = Bokeh.documents.map((d) => d.roots()[0]).find((r) => r.renderers.length > 2);"
+        "const {x_scale, y_scale} = Bokeh.index.get_by_id(plot.id).frame;"
+        "const map = document.getElementById('explorer-map').getBoundingClientRect();"
+        f"return {{x: map.x + x_scale.compute({x}), y: map.y + y_scale.compute({y})}}; }})()"
+    )
+
+
 READY = "document.documentElement?.dataset.explorer === 'ready'"
 
 
@@ -282,10 +292,14 @@ def test_browser_shows_the_value_of_each_map_without_a_request(study, made, tmp_
     with Page(tmp_path / "profile", width, dark=dark) as page:
         page.open(written(made, tmp_path / "map.html"), READY)
         assert page.run("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
-        page.run("document.getElementById('explorer-map').dispatchEvent(new KeyboardEvent('keydown', {key: '0', bubbles: true}))")
+        peaks = study.hazard["peak_flow_thickness"]
+        row, column = np.unravel_index(int(peaks.values.argmax()), peaks.shape)
+        wanted = float(peaks["x"][column]), float(peaks["y"][row])
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", **pixel_of(page, *wanted))
         place = page.run("document.getElementById('explorer-place').textContent")
         x, y = map(float, re.fullmatch(r"Easting (\d+) m, northing (\d+) m", place).groups())
-        at = study.hazard.sel(x=x, y=y, method="nearest")
+        assert (x, y) == pytest.approx(wanted, abs=10.0)
+        at = study.hazard.isel(x=column, y=row)
         shown = page.run(
             "Object.fromEntries([...document.querySelectorAll('#explorer-readout tr')]"
             ".map((row) => [...row.children].map((cell) => cell.textContent)))"
@@ -401,13 +415,7 @@ def test_pointer_on_a_mark_shows_its_label_as_text_and_a_click_opens_it(study, s
     marked = replace(study, basemap=replace(study.basemap, probes=[Mark(Point(middle), EVIL)]), probes=probes)
     with Page(tmp_path / "profile") as page:
         page.open(written(explorer(marked, site.resolved()), tmp_path / "map.html"), READY)
-        left, top, width, height = page.run(  # of the cells: without axes
-            "(() => { const plot = Bokeh.documents.map((d) => d.roots()[0]).find((r) => r.renderers.length > 2);"
-            "const box = Bokeh.index.get_by_id(plot.id).frame.bbox;"
-            "const map = document.getElementById('explorer-map').getBoundingClientRect();"
-            "return [map.x + box.left, map.y + box.top, box.width, box.height]; })()"
-        )
-        place = {"x": left + 0.5 * width, "y": top + 0.5 * height}
+        place = pixel_of(page, *middle)
         for move in (3, 1, 0):
             page.call("Input.dispatchMouseEvent", type="mouseMoved", x=place["x"] + move, y=place["y"])
         for kind in ("mousePressed", "mouseReleased"):

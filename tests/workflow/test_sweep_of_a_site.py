@@ -71,11 +71,17 @@ def test_page_is_one_file_with_a_place_on_each_curve_for_each_run(done):
         assert f"<td>{angle}</td>" in text
 
 
-def test_a_longer_range_runs_the_new_values_alone(done, capsys):
+def test_a_longer_range_runs_the_new_values_alone(done, tmp_path, monkeypatch, capsys):
     folder, results = done
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\nprintf "%s" "$1" > "{tmp_path}/opened"\n')
+    browser.chmod(0o755)
+    monkeypatch.setenv("BROWSER", f"{browser} %s")
     before = {path: path.stat().st_mtime_ns for path in (results / "members").glob("*.nc")}
     assert len(before) == 3
-    assert swept(folder, f"{ANGLE}=15:30:5") == ExitCode.OK
+    options = ["--open", "--threads", "1", "--device", "cpu"]
+    assert swept(folder, f"{ANGLE}=15:30:5", options=options) == ExitCode.OK
+    assert (tmp_path / "opened").read_text() == (results / "what_if.html").as_uri()
     assert "1 of 4 members to simulate" in capsys.readouterr().err
     assert before.items() <= {path: path.stat().st_mtime_ns for path in (results / "members").glob("*.nc")}.items()
     assert list(pd.read_csv(results / "what_if.csv")[ANGLE]) == [15.0, 20.0, 25.0, 30.0]
