@@ -35,6 +35,7 @@ IMPORT_NAMES = {
     "pillow": "PIL",
     "dask-jobqueue": "dask_jobqueue",
     "scikit-learn": "sklearn",
+    "pystac-core": "pystac",
     "imageio-ffmpeg": "imageio_ffmpeg",
 }  # where it differs from the name of the distribution
 OF_QGIS = {"qgis", "processing"}  # libraries of the program that loads the plugin
@@ -44,6 +45,8 @@ COME_WITH = {  # always, in a version that fits
     "pydantic_core": "pydantic",
     "mpl_toolkits": "matplotlib",
     "threadpoolctl": "sklearn",
+    "contourpy": "matplotlib",
+    "markupsafe": "jinja2",
 }
 HEAVY = (
     "numba",
