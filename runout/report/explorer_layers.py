@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.hazard.boundary import MEAN
+from runout.hazard.boundary import DEVIATION, MEAN
 from runout.hazard.danger import INTENSITY, LEVEL
 from runout.hazard.joint import conditions_of
 from runout.hazard.maps import classes_of
 from runout.hazard.style import NUMBERS, MapClasses
 from runout.palettes import palette_of
-from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, UNTIL_ARRIVAL, MapQuantity, quantity_of
+from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, UNTIL_ARRIVAL, MapQuantity
 from runout.report.values import Window
 from runout.report.wording import MINUS, number, quantity, unit
 from runout.variables import VARIABLES
@@ -27,7 +27,8 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-STEPS, MEMBER_STEPS, LOGARITHMIC_STEPS = 1000, 200, 10_000  # of the largest value, at least
+STEPS, MEMBER_STEPS, MOST_STEPS = 1000, 200, 20_000  # of the largest value
+STEPS_OF_CLASS = 10  # below the first class
 SIGNED_CLASSES = 8
 MOST_VALUES = 4_000_000  # cells of all products together; coarser cells above
 TERRAIN = ("elevation", "ground_slope", "release_thickness")
@@ -155,7 +156,8 @@ def families(hazard: "xr.Dataset", grid: Grid) -> Iterator[Family]:
         values = array.values.reshape(-1, *array.shape[-2:])[(slice(None), *grid.window)] / np.float32(divisor)
         choice, levels = _levels(hazard, array.dims[0]) if array.ndim == 3 else ("", [""])
         group, title = naming(name)
-        classes, step = classes_of(hazard, name), step_of(name, values)
+        classes = classes_of(hazard, name)
+        step = step_of(name, values, classes)
         yield Family(name, group, title, unit(units), choice, levels, _reduced(name, values, grid), classes, step)
 
 
@@ -163,17 +165,17 @@ def _reduced(name: str, values: np.ndarray, grid: Grid) -> np.ndarray:
     return grid.reduce(values, np.fmin if name in UNTIL_ARRIVAL else np.fmax)
 
 
-def step_of(name: str, values: np.ndarray, steps: int = STEPS) -> float:
-    """Distance of two codes of a map in the printed unit."""
+def step_of(name: str, values: np.ndarray, classes: MapClasses, steps: int = STEPS) -> float:
+    """Distance of two codes of a map in the printed unit: a part of the largest value, and of the first class above 0."""
     if name in (INTENSITY, LEVEL) or "members" in name:
         return 1.0
     if "probability" in name or "share" in name:
         return 1.0 / steps
-    mapped = quantity_of(name)
-    fine = "annual" in name or (mapped is not None and mapped.logarithmic)
     finite = np.abs(values[np.isfinite(values)])
-    span = float(np.ptp(finite)) if name == "elevation" and finite.size else float(finite.max(initial=0.0))
-    return round_step(span, LOGARITHMIC_STEPS if fine and steps == STEPS else steps)
+    largest = float(finite.max(initial=0.0))
+    step = round_step(float(np.ptp(finite)) if name == "elevation" and finite.size else largest, steps)
+    fine = round_step(next((edge for edge in classes.edges if edge > 0.0), largest), STEPS_OF_CLASS)
+    return min(step, max(fine, round_step(largest, MOST_STEPS)))
 
 
 def naming(name: str) -> tuple[str, str]:
@@ -209,6 +211,10 @@ OWN_TITLES = {
     "joint_exceedance_standard_error": "standard error of the probability of a joint condition",
     "joint_annual_exceedance": "annual rate of a joint condition",
     INTENSITY: "intensity class at a return period",
+    LEVEL: "level of danger",
+    MEAN: "distance to the boundary of the flow, positive inside, mean",
+    DEVIATION: "position of the boundary of the flow, standard deviation",
+    "members_reached": "number of members that reach the cell",
     FIRST_ARRIVAL: "arrival, earliest of all members",
     ARRIVAL_PERCENTILE: "arrival, percentile of the members",
 }

@@ -100,7 +100,7 @@ def _family(study: Study, name: str, group: str, title: str, levels: list[str], 
         smallest, largest = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
         classes = MapClasses.of(class_edges(alike, [], smallest, largest), units, alike)
     choice = "Snapshot" if name in SNAPSHOTS else "Member"
-    step = step_of(mapped.peak if mapped else alike, printed, steps)
+    step = step_of(mapped.peak if mapped else alike, printed, classes, steps)
     return Family(name, group, title[:1].upper() + title[1:], unit(units), choice, levels, printed, classes, step)
 
 

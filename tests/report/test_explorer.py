@@ -86,7 +86,13 @@ def test_steps_are_round_and_below_a_thousandth_of_the_largest_value(study):
             assert family.step <= max(span, 1.0) / 1000 * 1.001, family.name
     assert round_step(37.0, 1000) == 0.02
     assert round_step(0.0, 1000) == 1.0
-    assert step_of("members_reached", np.ones((2, 2))) == 1.0
+
+
+def test_steps_are_small_beside_the_first_class(study):
+    pressure = next(one for one in families(study.hazard, Grid(window_of(study))) if one.name == "peak_pressure")
+    first = min(edge for edge in pressure.classes.edges if edge > 0)
+    assert pressure.step <= 0.1 * first * 1.001
+    assert step_of("members_reached", np.ones((2, 2)), pressure.classes) == 1.0
 
 
 def test_members_have_their_own_values_by_number(study, made, results):
