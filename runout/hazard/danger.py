@@ -15,8 +15,8 @@ import numpy as np
 from runout.config.scheme import DangerScheme, read_scheme
 from runout.errors import ConfigError
 from runout.hazard.frequency import Frequencies, at_return_period
-from runout.hazard.style import class_colours
 from runout.io import netcdf
+from runout.palettes import palette_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,7 +124,7 @@ class DangerClasses:
         """What a reader has to know of the maps: classes and levels with colours and state of checking, matrix, source, limits."""
         scheme = self.scheme
         periods = scheme.return_periods or scheme.risk
-        colours = class_colours("YlOrRd", len(scheme.classes))
+        colours = palette_of(INTENSITY).hexadecimal(len(scheme.classes))
         return scheme.model_dump(include={"title", "process", "does_not_say", "source", "beyond", "matrix", "risk"}) | {
             "return_periods": {"years": scheme.years, "checked": periods.checked if periods else ""},
             "remarks": scheme.remarks(self.has_bed),

@@ -1,29 +1,22 @@
 """QGIS styles of the layers of outlines.gpkg, slopes/ and screen/: lines and labels that leave the maps below them visible."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from runout.hazard.danger import INTENSITY, LEVEL, entries_of, label
-from runout.hazard.style import class_colours
 from runout.hazard.vector_style import FILL, LINE, MARKER, categories, classes, one_symbol
-from runout.io.vector import PROBABILITY_LEVELS
+from runout.palettes import OBSERVED, OBSTACLE, PROBABILITY_LEVELS, PROBE, RELEASE, palette_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_RELEASE = "#d7263d"
-_OBSTACLE = "#6b4a2b"
 _ZONE = "#22282f"
-_OBSERVED = "#0b4fae"
 _STRUCTURE = "#3f4750"
-_PROBE = "#7a1fa2"
 _RATE = "#8c1a4b"
 _WATER = "#1f78b4"
 _BASELINE = "#b8460e"
 _STEP = "#d7263d"
-_PROBABILITY_RAMP = _PRESSURE_RAMP = "YlOrRd"
-_PRESSURES = (0.0, 1e3, 3e3, 1e4, 3e4, 1e5, math.inf)  # classes of the pressure on facades [Pa]
 _HIGHEST = 1e12  # [Pa] that stands for no limit
 _OBSTACLE_LABEL = "if(\"height_m\" < 0, '', '+') || \"height_m\" || ' m'"
 _REPLACED = "coalesce(round(\"basal_friction_angle_deg\", 1) || '°', attribute(@feature, 'parameters'))"
@@ -36,18 +29,20 @@ _PROPOSED_LABEL = "\"rank\" || ': ' || format_number(\"volume_m3\", 0) || ' m³'
 def outline_styles() -> dict[str, str]:
     """Text of the QGIS style of each layer of ``outlines.gpkg``."""
     return {
-        "release": one_symbol(FILL, _outline(_RELEASE, "0.7"), '"name"', _RELEASE),
+        "release": one_symbol(FILL, _outline(RELEASE, "0.7"), '"name"', RELEASE),
         "inundation": _levels(PROBABILITY_LEVELS),
-        "obstacles": one_symbol(FILL, _hatched(_OBSTACLE), _OBSTACLE_LABEL, _OBSTACLE),
+        "obstacles": one_symbol(FILL, _hatched(OBSTACLE), _OBSTACLE_LABEL, OBSTACLE),
         "friction_zones": one_symbol(FILL, _outline(_ZONE, "0.4") | {"outline_style": "dash"}, _ZONE_LABEL, _ZONE),
         "structures": one_symbol(FILL, _filled("#b9c0c7", _STRUCTURE), '"name"', _STRUCTURE),
         "facades": classes(LINE, "max_pressure_pa", list(_pressures())),
-        "observed_outline": one_symbol(FILL, _outline(_OBSERVED, "0.7"), "'observed ' || \"shows\"", _OBSERVED),
-        "gauges": one_symbol(MARKER, {"color": _OBSERVED, "name": "triangle", "size": "3"}, '"label"', _OBSERVED),
-        "thalweg": one_symbol(LINE, {"line_color": _OBSERVED, "line_width": "0.5", "line_style": "dash"}),
+        "observed_outline": one_symbol(FILL, _outline(OBSERVED, "0.7"), "'observed ' || \"shows\"", OBSERVED),
+        "gauges": one_symbol(MARKER, {"color": OBSERVED, "name": "triangle", "size": "3"}, '"label"', OBSERVED),
+        "thalweg": one_symbol(LINE, {"line_color": OBSERVED, "line_width": "0.5", "line_style": "dash"}),
         "return_periods": one_symbol(FILL, _outline(_RATE, "0.5"), "\"return_period_a\" || ' a'", _RATE),
-        "probes": one_symbol(MARKER, {"color": _PROBE, "name": "circle"}, '"name"', _PROBE),
-        "cross_sections": one_symbol(LINE, {"line_color": _PROBE, "line_width": "0.7"}, '"name"', _PROBE),
+        "probes": one_symbol(MARKER, {"color": PROBE, "name": "circle"}, '"name"', PROBE),
+        "inflow_lines": one_symbol(LINE, {"line_color": RELEASE, "line_width": "1.2"}, '"name"', RELEASE),
+        "inflow_areas": one_symbol(FILL, _outline(RELEASE, "0.7") | {"outline_style": "dash"}, '"name"', RELEASE),
+        "cross_sections": one_symbol(LINE, {"line_color": PROBE, "line_width": "0.7"}, '"name"', PROBE),
     }
 
 
@@ -61,10 +56,20 @@ def danger_styles(hazard: "xr.Dataset") -> dict[str, str]:
     }
 
 
+def arrival_style(edges: Sequence[float]) -> dict[str, str]:
+    """Text of the QGIS style of the layer ``arrival`` from the bounds of its times [s]; none without times."""
+    colours = palette_of("arrival").hexadecimal(max(1, len(edges) - 1))
+    shown = [
+        (low, high, f"{low:g} to {high:g} s", _filled(colour, colour) | {"outline_width": "0.1"})
+        for low, high, colour in zip(edges, edges[1:], colours, strict=False)
+    ]
+    return {"arrival": classes(FILL, '("from_s" + "to_s") / 2', shown)} if shown else {}
+
+
 def slope_styles() -> dict[str, str]:
     """Text of the QGIS style of each layer that ``runout suggest-release`` writes."""
     return {
-        "release": one_symbol(FILL, _outline(_RELEASE, "0.7"), _PROPOSED_LABEL, _RELEASE),
+        "release": one_symbol(FILL, _outline(RELEASE, "0.7"), _PROPOSED_LABEL, RELEASE),
         "sinks": one_symbol(FILL, _filled("#a6cee3", _WATER)),
         "flow_paths": one_symbol(LINE, {"line_color": _WATER, "line_width": "0.4"}),
     }
@@ -76,7 +81,7 @@ def screen_styles() -> dict[str, str]:
         "steep step": {"color": _STEP, "name": "triangle"},
         "leaves a channel": {"color": _WATER, "name": "diamond"},
         "structure": {"color": _STRUCTURE, "name": "square"},
-        "obstacle": {"color": _OBSTACLE, "name": "square"},
+        "obstacle": {"color": OBSTACLE, "name": "square"},
     }
     shown = [(kind, kind, {"size": "3.2", **marker}) for kind, marker in markers.items()]
     return {
@@ -102,7 +107,7 @@ def _hatched(colour: str) -> dict[str, str]:
 def _levels(levels: Iterable[float]) -> str:
     """A line for each level of probability, darker and wider the higher it is."""
     sorted_levels = sorted(levels)
-    colours = class_colours(_PROBABILITY_RAMP, len(sorted_levels))
+    colours = palette_of("probability").hexadecimal(len(sorted_levels) + 1)[1:]  # those of the classes of the map
     shown = [
         (level, f"probability {100 * level:g} % or more", _outline(colour, f"{0.4 + 0.1 * k:.1f}"))
         for k, (level, colour) in enumerate(zip(sorted_levels, colours, strict=True))
@@ -112,7 +117,10 @@ def _levels(levels: Iterable[float]) -> str:
 
 def _pressures() -> Iterator[tuple[float, float, str, dict[str, str]]]:
     """A line for each class of pressure on facades, darker and wider the higher it is."""
-    colours = class_colours(_PRESSURE_RAMP, len(_PRESSURES) - 1)
-    for k, (low, high, colour) in enumerate(zip(_PRESSURES, _PRESSURES[1:], colours, strict=False)):
-        label = f"{low / 1e3:g} to {high / 1e3:g} kPa" if math.isfinite(high) else f"more than {low / 1e3:g} kPa"
-        yield low, min(high, _HIGHEST), label, {"line_color": colour, "line_width": f"{0.5 + 0.2 * k:.1f}"}
+    palette = palette_of("pressure")
+    edges = (0.0, *palette.classes)
+    for k, (low, high) in enumerate(zip(edges, (*edges[1:], math.inf), strict=True)):
+        label = f"{low:g} to {high:g} kPa" if math.isfinite(high) else f"more than {low:g} kPa"
+        meaning = f": {palette.meaning(low)}" if palette.meaning(low) else ""
+        symbol = {"line_color": palette.hexadecimal(len(edges))[k], "line_width": f"{0.5 + 0.2 * k:.1f}"}
+        yield 1e3 * low, min(1e3 * high, _HIGHEST), label + meaning, symbol

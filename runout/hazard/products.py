@@ -21,6 +21,7 @@ from runout.hazard.frequency import Frequencies
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
+from runout.hazard.readme import write_readme
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import write_structures
 from runout.io import netcdf, source_code
@@ -105,7 +106,9 @@ def write_products(
     origin["changes"] = [*origin["changes"], *built.changes]
     outdated = writers.earlier(results)
     products = writers.Products(hazard, ensemble, site, terrain, releases, observed, built, results)
-    paths = [results / "members.nc", *built.paths, *writers.write_all(products)]
+    written = writers.write_all(products)
+    paths = [results / "members.nc", *built.paths, *(path for files in written.values() for path in files)]
+    paths.append(write_readme(products, written))
     paths.append(_write_origin(origin, paths, results))
     for path in outdated - set(paths):
         path.unlink(missing_ok=True)

@@ -1,36 +1,111 @@
-"""QGIS styles of the maps: classes at the thresholds of the site that span the values, transparent where nothing happens."""
+"""Classes of maps and their QGIS styles: at the thresholds of the site, over all values, transparent where nothing happens."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import count
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from runout.io.vector import PROBABILITY_LEVELS
+from runout.palettes import palette_of, round_edges
 
 PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
-DIVERGING = "RdBu_r"
-_SIGNED = ("difference", "change", "distance_mean")  # symmetric about 0
-_RAMPS = dict.fromkeys(_SIGNED, DIVERGING)
-_RAMPS |= {
-    "standard_error": "Purples",
-    "probability": "YlOrRd",
-    "annual": "YlOrRd",
-    "share": "YlOrBr",
-    "arrival": "viridis_r",
-    "members": "YlOrRd",
-}
-_RAMPS |= {"elevation": "cividis", "slope": "YlOrBr", "safety": "RdYlBu", "drainage": "YlGnBu", "sink": "Blues"}
-_DEFAULT_RAMP = "plasma_r"
-_GROUND = ("elevation", "slope")
-_SMOOTH = (*_GROUND, *_SIGNED)  # coloured without steps
-_OPAQUE = ("arrival", *_GROUND)  # their least value is one like any other
-_LEGEND_UNITS = {"1": "", "m s-1": " m/s", "m3 s-2": " m³/s²", "degree": "°"}
-_CLASSES = 8
-ANNUAL_RATES = (1 / 5000, 1 / 1000, 1 / 300, 1 / 100, 1 / 30, 1 / 10)  # [1/a], rates at which land use and protection are decided
+NUMBERS, STEPS, MIXED = "paletted", "DISCRETE", "INTERPOLATED"  # kinds of classes, as QGIS calls them
+OPACITY = 0.8
+_LEGEND_UNITS = {"1": "", "m s-1": " m/s", "m3 s-2": " m³/s²", "m2 s-1": " m²/s", "degree": "°"}
+_MEMBERS = 8  # classes of a count
 _MOST_STEPS = 8  # above the last threshold
 _LINEAR = 4.0  # ratio of the largest value to the last threshold from which steps grow like 1, 2, 5
+
+
+@dataclass(frozen=True)
+class MapClasses:
+    """Classes of a map as a legend has them.
+
+    Parameters
+    ----------
+    edges : tuple of float
+        Lower edge of each class, ascending, in the printed unit; a value on an edge belongs to the class above it.
+    colours, labels : tuple of str
+        Hexadecimal colour and words of each class.
+    kind : str
+        NUMBERS, where each edge is the number of a class; STEPS; or MIXED, where colours are mixed between the edges.
+    nothing : str
+        Words of the value 0, which is transparent; empty if 0 is a value like any other.
+    """
+
+    edges: tuple[float, ...]
+    colours: tuple[str, ...]
+    labels: tuple[str, ...]
+    kind: str = STEPS
+    nothing: str = ""
+
+    @classmethod
+    def of(cls, edges: Sequence[float], unit: str, name: str) -> "MapClasses":
+        """Classes of the map ``name`` from their lower edges (:func:`class_edges`), in a ``unit``."""
+        palette, units = palette_of(name), legend_unit(unit)
+        colours = tuple(palette.hexadecimal(len(edges)))
+        if palette.smooth:
+            return cls(tuple(edges), colours, tuple(f"{edge:g}{units}" for edge in edges), MIXED)
+        upper = [*edges[1:], None]
+        labels = [
+            _label(edge, top, units, not palette.opaque) + (f": {meaning}" if (meaning := palette.meaning(edge)) else "")
+            for edge, top in zip(edges, upper, strict=True)
+        ]
+        return cls(tuple(edges), colours, tuple(labels), STEPS, "" if palette.opaque else f"0{units}")
+
+    @classmethod
+    def numbered(cls, entries: Sequence[tuple[int, str, str]]) -> "MapClasses":
+        """Classes of a map of numbers from the number, colour and words of each; other values are transparent."""
+        numbers, colours, labels = zip(*entries, strict=True)
+        return cls(tuple(map(float, numbers)), colours, labels, NUMBERS, "none")
+
+    def painted(self, values: np.ndarray) -> np.ndarray:
+        """Colours (rows, columns, 4) of uint8 for values in the printed unit; transparent where nothing happens or is known."""
+        from matplotlib.colors import to_rgba_array
+
+        table = np.vstack([np.zeros((1, 4)), to_rgba_array(self.colours) * (1.0, 1.0, 1.0, OPACITY)])
+        place = np.digitize(np.nan_to_num(values, nan=-np.inf).astype(np.float32), np.array(self.edges, np.float32))
+        shown = np.isfinite(values) & ((values > 0) | (not self.nothing))
+        return np.round(255 * table[np.where(shown, place, 0)]).astype(np.uint8)
+
+    def qml(self) -> str:
+        """Text of a QGIS style of a raster."""
+        root = ElementTree.Element("qgis", version="3.22.0", styleCategories="Symbology")
+        renderer = ElementTree.SubElement(
+            ElementTree.SubElement(root, "pipe"), "rasterrenderer", band="1", alphaBand="-1", opacity=f"{OPACITY}", nodataColor=""
+        )
+        if self.kind == NUMBERS:
+            self._add_numbers(renderer)
+        else:
+            self._add_shader(renderer)
+        ElementTree.indent(root)
+        return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+    def _add_numbers(self, renderer: ElementTree.Element) -> None:
+        renderer.set("type", NUMBERS)
+        colours = ElementTree.SubElement(renderer, "colorPalette")
+        for number, colour, words in zip(self.edges, self.colours, self.labels, strict=True):
+            ElementTree.SubElement(colours, "paletteEntry", value=f"{number:g}", color=colour, alpha="255", label=words)
+
+    def _add_shader(self, renderer: ElementTree.Element) -> None:
+        """Items of the shader: in steps QGIS gives a value the colour of the first item whose value it does not pass."""
+        bounds = {"classificationMin": f"{self.edges[0]:g}", "classificationMax": f"{self.edges[-1]:g}"}
+        renderer.attrib |= {"type": "singlebandpseudocolor", **bounds}
+        shader = ElementTree.SubElement(
+            ElementTree.SubElement(renderer, "rastershader"),
+            "colorrampshader",
+            colorRampType=self.kind,
+            classificationMode="1",
+            clip="0",
+            minimumValue=f"{self.edges[0]:g}",
+            maximumValue="inf",
+        )
+        if self.nothing:
+            ElementTree.SubElement(shader, "item", value="0", color="#ffffff", alpha="0", label=self.nothing)
+        tops = [f"{edge:g}" for edge in self.edges] if self.kind == MIXED else [*(repr(below(e)) for e in self.edges[1:]), "inf"]
+        for value, colour, label in zip(tops, self.colours, self.labels, strict=True):
+            ElementTree.SubElement(shader, "item", value=value, color=colour, alpha="255", label=label)
 
 
 def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest: float) -> list[float]:
@@ -41,49 +116,36 @@ def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest
     name : str
         Name of the map.
     thresholds : sequence of float
-        Thresholds of its quantity, if it has some. Round numbers follow above the last one that is reached.
+        Thresholds of its quantity, if it has some. Round numbers follow above the last one that is reached. The edges of a palette
+        with classes are the same for all values; thresholds come between classes that have a meaning.
     smallest, largest : float
         Range of the values, in the unit of the thresholds.
     """
-    if any(word in name for word in _SIGNED):
-        top = max(_ticks(0.0, max(-smallest, largest), classes=4))
+    palette = palette_of(name)
+    if palette.signed:
+        top = max(round_edges(0.0, max(-smallest, largest), classes=4))
         return [-top, -0.5 * top, 0.0, 0.5 * top, top]
-    if "standard_error" in name:
-        return _ticks(0.0, largest)
-    if "probability" in name or "share" in name:
-        return [0.0, *PROBABILITY_LEVELS]
-    if "annual" in name:
-        return [0.0, *ANNUAL_RATES]
-    if name == "elevation":
-        return _ticks(smallest, largest)
+    if palette.classes:
+        return [0.0, *sorted({*palette.classes, *(thresholds if palette.meanings else ())})]
     if "members" in name:
         return _counts(largest)
     reached = [limit for limit in sorted(thresholds) if limit <= largest]
     if not reached:
-        return _ticks(0.0, largest)
+        return round_edges(smallest if name == "elevation" else 0.0, largest)
     return [0.0, *reached, *_beyond(reached[-1], largest)]
-
-
-def _ticks(low: float, high: float, classes: int = _CLASSES) -> list[float]:
-    """Round numbers from ``low`` or below it to below ``high``."""
-    from matplotlib.ticker import MaxNLocator
-
-    locator = MaxNLocator(classes, steps=[1, 2, 2.5, 5, 10])
-    ticks = [float(f"{tick:.9g}") for tick in locator.tick_values(low, high if high > low else low + 1.0)]
-    return [tick for tick in ticks if tick < high] or ticks[:1]
 
 
 def _counts(largest: float) -> list[float]:
     """Whole numbers from 1 to at most ``largest``."""
-    if largest > _CLASSES:
-        return [1.0, *_ticks(0.0, largest)[1:]]
+    if largest > _MEMBERS:
+        return [1.0, *round_edges(0.0, largest)[1:]]
     return [float(number) for number in range(1, max(1, int(largest)) + 1)]
 
 
 def _beyond(last: float, largest: float) -> list[float]:
     """Round numbers above the last threshold, up to the largest value."""
     if largest < _LINEAR * last:
-        return [tick for tick in _ticks(last, largest, classes=3) if tick > 1.1 * last]
+        return [tick for tick in round_edges(last, largest, classes=3) if tick > 1.1 * last]
     steps = list(_series(last, largest, (1.0, 2.0, 5.0)))
     return steps if len(steps) <= _MOST_STEPS else list(_series(last, largest, (1.0,)))
 
@@ -105,79 +167,14 @@ def below(edge: float) -> float:
     return 0.5 * (float(stored) + float(np.nextafter(stored, np.float32(-np.inf))))
 
 
+def legend_unit(unit: str) -> str:
+    """A unit after a number in a legend."""
+    return _LEGEND_UNITS.get(unit, f" {unit}")
+
+
 def qml(edges: Sequence[float], unit: str, name: str) -> str:
-    """Text of a QGIS style with one colour a class; 0 is transparent where it means that nothing happens.
-
-    Ground and differences have colours between the edges, without steps.
-
-    Parameters
-    ----------
-    edges : sequence of float
-        Lower edges of the classes, ascending, in the unit of the map.
-    unit : str
-        Unit for the legend.
-    name : str
-        Name of the map; chooses the colours.
-    """
-    root = ElementTree.Element("qgis", version="3.22.0", styleCategories="Symbology")
-    pipe = ElementTree.SubElement(root, "pipe")
-    renderer = ElementTree.SubElement(
-        pipe,
-        "rasterrenderer",
-        type="singlebandpseudocolor",
-        band="1",
-        alphaBand="-1",
-        opacity="0.8",
-        nodataColor="",
-        classificationMin=f"{edges[0]:g}",
-        classificationMax=f"{edges[-1]:g}",
-    )
-    shader = ElementTree.SubElement(
-        ElementTree.SubElement(renderer, "rastershader"),
-        "colorrampshader",
-        colorRampType="INTERPOLATED" if any(word in name for word in _SMOOTH) else "DISCRETE",
-        classificationMode="1",
-        clip="0",
-        minimumValue=f"{edges[0]:g}",
-        maximumValue="inf",
-    )
-    legend_unit = _LEGEND_UNITS.get(unit, f" {unit}")
-    if shader.get("colorRampType") == "INTERPOLATED":
-        _add_stops(shader, edges, legend_unit, _ramp(name))
-    else:
-        _add_classes(shader, list(edges), legend_unit, _ramp(name), transparent=not any(word in name for word in _OPAQUE))
-    ElementTree.indent(root)
-    return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
-
-
-def palette(entries: Sequence[tuple[int, str, str]]) -> str:
-    """Text of a QGIS style of a map of classes: number, colour and words of each; other values are transparent."""
-    root = ElementTree.Element("qgis", version="3.22.0", styleCategories="Symbology")
-    renderer: Any = {"type": "paletted", "band": "1", "alphaBand": "-1", "opacity": "0.8", "nodataColor": ""}
-    shown = ElementTree.SubElement(ElementTree.SubElement(root, "pipe"), "rasterrenderer", renderer)
-    colours = ElementTree.SubElement(shown, "colorPalette")
-    for number, colour, words in entries:
-        ElementTree.SubElement(colours, "paletteEntry", value=str(number), color=colour, alpha="255", label=words)
-    ElementTree.indent(root)
-    return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
-
-
-def _add_classes(shader: ElementTree.Element, edges: list[float], unit: str, ramp: str, transparent: bool) -> None:
-    """Items of the shader: QGIS gives a value the colour of the first item whose value it does not pass."""
-    if transparent:
-        ElementTree.SubElement(shader, "item", value="0", color="#ffffff", alpha="0", label=f"0{unit}")
-    colours = class_colours(ramp, len(edges))
-    for k, (lower, colour) in enumerate(zip(edges, colours, strict=True)):
-        upper = edges[k + 1] if k + 1 < len(edges) else None
-        value = "inf" if upper is None else repr(below(upper))
-        label = _label(lower, upper, unit, transparent)
-        ElementTree.SubElement(shader, "item", value=value, color=colour, alpha="255", label=label)
-
-
-def _add_stops(shader: ElementTree.Element, edges: Sequence[float], unit: str, ramp: str) -> None:
-    """Items of the shader between which QGIS mixes colours."""
-    for value, colour in zip(edges, class_colours(ramp, len(edges)), strict=True):
-        ElementTree.SubElement(shader, "item", value=f"{value:g}", color=colour, alpha="255", label=f"{value:g}{unit}")
+    """Text of a QGIS style of the map ``name`` from the lower edges of its classes, in the unit of its raster."""
+    return MapClasses.of(edges, unit, name).qml()
 
 
 def _label(lower: float, upper: float | None, unit: str, transparent: bool) -> str:
@@ -186,17 +183,3 @@ def _label(lower: float, upper: float | None, unit: str, transparent: bool) -> s
     if upper is not None:
         return f"{least} to {upper:g}{unit}"
     return f"{least}{unit}" if least.startswith("above") else f"{least}{unit} or more"
-
-
-def class_colours(ramp: str, classes: int) -> list[str]:
-    """Colours of classes as hexadecimal numbers, from light to dark or as the ramp of matplotlib goes, light in its middle."""
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
-    first = 0.0 if ramp == DIVERGING else 0.15  # other ramps begin too light
-    colours = colormaps[ramp](first + (1.0 - first) * np.arange(classes) / max(1, classes - 1))
-    return [to_hex(colour) for colour in colours]
-
-
-def _ramp(name: str) -> str:
-    return next((ramp for word, ramp in _RAMPS.items() if word in name), _DEFAULT_RAMP)

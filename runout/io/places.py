@@ -11,7 +11,9 @@ from runout.processes.owner import fault_of_owner
 
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"
-RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
+RESULT_FILES = (  # endings in a results folder
+    *(".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg", ".qgz", ".kmz", ".txt"),
+)
 RESULT_FOLDERS = (
     *("members", "maps", "probes", "profiles", "simulations", "animations", "scarp", "screen", "slopes"),
     *("sensitivity", "calibration", ".locks"),

@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).parents[1]
 # what draws, prints, aggregates or starts: no value in the file of a member depends on it
 NOT_OF_MEMBERS = (
     *("commands", "hazard", "report", "scores", "slopes", "studies", "view", "workflow"),
-    *("processes", "__main__.py", "cli.py", "log.py", "safe_start.py"),
+    *("processes", "__main__.py", "cli.py", "log.py", "palettes.py", "safe_start.py"),
 )
 
 

@@ -16,14 +16,13 @@ from runout.io.grid import horizontal_crs
 from runout.model.friction import FrictionZones
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.palettes import PROBABILITY_LEVELS
 
 if TYPE_CHECKING:
     import geopandas as gpd
     from shapely import MultiPolygon
 
 _GEOPACKAGE: dict[str, Any] = {"driver": "GPKG", "dataset_options": {"VERSION": "1.2"}}  # older programs open it without a warning
-PROBABILITY_LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
-
 
 RELEASE_COLUMNS = (
     *("name", "source", "placement", "volume_m3", "area_m2", "mean_thickness_m", "max_thickness_m"),

@@ -45,8 +45,12 @@ class MapQuantity:
         Label of a colour bar.
     colours : str
         Colour map of matplotlib, light for small values.
+    classes : tuple of float
+        Lower edges of classes above 0 that all maps of it have, in ``units``; empty: classes follow from thresholds and values.
+    meanings : tuple of str
+        What the flow does from each class on, for legends.
     logarithmic : bool
-        Logarithmic colours in the report.
+        Logarithmic colours in the report, where it has no classes.
     least_threshold : float
         Smallest threshold that is accepted, against wrong units; 0: any positive one.
     hint : str
@@ -75,6 +79,8 @@ class MapQuantity:
     stem: str = ""
     symbol: str = ""
     colours: str = "plasma_r"
+    classes: tuple[float, ...] = ()
+    meanings: tuple[str, ...] = ()
     logarithmic: bool = False
     least_threshold: float = 0.0
     hint: str = ""

@@ -20,7 +20,6 @@ from runout.scores.flow import PEAKS, THICKNESSES, TITLES, UNITS
 from runout.variables import PRINTED
 
 TEMPLATE = "comparison.html.jinja"
-DIVERGING = "RdBu_r"
 
 
 def comparison_page(comparison: Comparison) -> str:
@@ -183,7 +182,7 @@ def _title(name: str) -> str:
 def _style(comparison: Comparison, name: str) -> MapStyle:
     """Colours of a quantity, on one scale for both."""
     if name == "change":
-        return MapStyle("change of elevation [m]", DIVERGING, faintest=-np.inf, diverging=True)
+        return replace(STYLES["difference"], label="change of elevation [m]")
     style = STYLES["time" if name == "arrival" else name]
     known = np.concatenate([flow.maps[name].ravel() for flow in comparison.flows if name in flow.maps])
     known = known[np.isfinite(known) & (known > 0)] * style.scale
@@ -195,7 +194,7 @@ def _style(comparison: Comparison, name: str) -> MapStyle:
 def difference_style(name: str) -> MapStyle:
     """Colours of a difference of maps of a quantity: blue where the first is less, red where it is more."""
     units, divisor = PRINTED.get(UNITS[name], (UNITS[name], 1.0))
-    return MapStyle(f"difference [{unit(units)}]", DIVERGING, faintest=-np.inf, scale=1.0 / divisor, diverging=True)
+    return replace(STYLES["difference"], label=f"difference [{unit(units)}]", scale=1.0 / divisor)
 
 
 def _shown_difference(comparison: Comparison, name: str) -> np.ndarray:

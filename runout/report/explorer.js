@@ -236,10 +236,12 @@
     await Plotting.show(plot, target);
   }
 
+  let opened = 0;
   async function open(item) { // its tables or charts
-    const details = byId("details"), {tables = [], charts = [], along = "", remark = ""} = item.details;
+    const turn = ++opened, details = byId("details"), {tables = [], charts = [], along = "", remark = ""} = item.details;
     details.replaceChildren(element("b", item.label), ...tables.map(tableOf), element("p", remark, {class: "explorer-note"}));
     for (const [k, chart] of charts.entries()) {
+      if (turn !== opened) return; // another mark was opened meanwhile
       const target = element("div");
       details.lastElementChild.before(target);
       await drawChart(chart, k === charts.length - 1 ? along : "", target);

@@ -125,8 +125,10 @@ def _text(name: str, content: bytes) -> str:
 
 def _bokeh() -> bytes:
     """BokehJS with its interface for scripts."""
-    folder = files("bokeh").joinpath("server", "static", "js")
-    return b"\n".join(folder.joinpath(name).read_bytes() for name in BUNDLES)
+    import bokeh
+
+    folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
+    return b"\n".join((folder / name).read_bytes() for name in BUNDLES)
 
 
 def _grid_of(study: Study, window: Window) -> Grid:
@@ -168,7 +170,7 @@ def _orthophoto(study: Study, window: Window, settings: Mapping[str, Any], folde
     """Picture of the ground in the window, with its extent; None where site.yaml states none."""
     from PIL import Image
 
-    from runout.view.image import draped_image
+    from runout.io.draped_image import draped_image
 
     name = (settings.get("report") or {}).get("orthophoto")
     if not name:

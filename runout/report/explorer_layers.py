@@ -6,17 +6,19 @@ the rows are packed, their low and their high bytes apart, since these compress 
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.hazard.danger import INTENSITY, LEVEL, entries_of, label
+from runout.hazard.boundary import MEAN
+from runout.hazard.danger import INTENSITY, LEVEL
 from runout.hazard.joint import conditions_of
-from runout.hazard.style import _ramp as ramp_of
-from runout.hazard.style import class_colours, class_edges
+from runout.hazard.maps import classes_of
+from runout.hazard.style import NUMBERS, MapClasses
+from runout.palettes import palette_of
 from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, UNTIL_ARRIVAL, MapQuantity, quantity_of
 from runout.report.values import Window
 from runout.report.wording import MINUS, number, quantity, unit
@@ -28,7 +30,6 @@ if TYPE_CHECKING:
 STEPS, MEMBER_STEPS, LOGARITHMIC_STEPS = 1000, 200, 10_000  # of the largest value, at least
 SIGNED_CLASSES = 8
 MOST_VALUES = 4_000_000  # cells of all products together; coarser cells above
-OPAQUE = (*UNTIL_ARRIVAL, "elevation", "ground_slope", "boundary_distance_mean", "boundary_distance_deviation")  # 0 has a colour
 TERRAIN = ("elevation", "ground_slope", "release_thickness")
 CHOICES = {
     "percentile": "Percentile",
@@ -70,29 +71,6 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Legend:
-    """Classes of a family.
-
-    Attributes
-    ----------
-    edges : list of float
-        Lower edges in the printed unit, ascending.
-    colours, labels : list of str
-        Of each class.
-    opaque : bool
-        Whether the value 0 has a colour.
-    named : bool
-        Whether values are numbers of the classes, from 1 on.
-    """
-
-    edges: list[float]
-    colours: list[str]
-    labels: list[str]
-    opaque: bool = False
-    named: bool = False
-
-
-@dataclass(frozen=True)
 class Family:
     """A map with its levels: thresholds, percentiles, return periods or members.
 
@@ -108,7 +86,8 @@ class Family:
         Words of the levels.
     values : ndarray (levels, rows, columns)
         In the printed unit; NaN where there is none.
-    legend : Legend
+    classes : MapClasses
+        Those of the QGIS style.
     step : float
         Distance of two codes in the printed unit.
     """
@@ -120,7 +99,7 @@ class Family:
     choice: str
     levels: list[str]
     values: np.ndarray
-    legend: Legend
+    classes: MapClasses
     step: float
 
     @property
@@ -140,10 +119,23 @@ class Family:
         decimals = max(0, -math.floor(math.log10(self.step) + 1e-9))
         largest = float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
         own = {"name", "group", "title", "unit", "choice", "levels", "step"}
-        return {name: getattr(self, name) for name in own} | vars(self.legend) | {
+        return {name: getattr(self, name) for name in own} | _legend(self.name, self.classes) | {
             "low": self.low, "decimals": decimals, "largest": largest, "time": self.name in UNTIL_ARRIVAL,
             "grid": grid, "offset": offset,
         }  # fmt: skip
+
+
+def _legend(name: str, classes: MapClasses) -> dict[str, Any]:
+    """Classes for the browser: lower ``edges``, ``colours``, ``labels``, whether 0 is ``opaque`` and values are ``named``."""
+    edges, colours, labels = list(classes.edges), list(classes.colours), list(classes.labels)
+    palette = palette_of(name)
+    if palette.signed:  # QGIS mixes their colours
+        edges = np.linspace(edges[0], edges[-1], SIGNED_CLASSES + 1)[:-1].tolist()
+        colours = palette.hexadecimal(SIGNED_CLASSES)
+        ends = [f"{edge:g}".replace("-", MINUS) for edge in edges]
+        labels = [*(f"{low} to {high}" for low, high in pairwise(ends)), f"{ends[-1]} or more"]
+    opaque = not classes.nothing and (not palette.signed or name == MEAN)
+    return {"edges": edges, "colours": colours, "labels": labels, "opaque": opaque, "named": classes.kind == NUMBERS}
 
 
 def round_step(largest: float, steps: int) -> float:
@@ -159,12 +151,12 @@ def families(hazard: "xr.Dataset", grid: Grid) -> Iterator[Family]:
     names = [str(name) for name, array in hazard.data_vars.items() if array.dims[-2:] == ("y", "x") and array.ndim <= 3]
     for name in sorted(names, key=_place):
         array = hazard[name].astype(np.float32)
-        units, divisor = VARIABLES[name].printed if name in VARIABLES else (array.attrs.get("units", ""), 1.0)
+        units, divisor = VARIABLES[name].printed
         values = array.values.reshape(-1, *array.shape[-2:])[(slice(None), *grid.window)] / np.float32(divisor)
         choice, levels = _levels(hazard, array.dims[0]) if array.ndim == 3 else ("", [""])
         group, title = naming(name)
-        legend = legend_of(hazard, name, values)
-        yield Family(name, group, title, unit(units), choice, levels, _reduced(name, values, grid), legend, step_of(name, values))
+        classes, step = classes_of(hazard, name), step_of(name, values)
+        yield Family(name, group, title, unit(units), choice, levels, _reduced(name, values, grid), classes, step)
 
 
 def _reduced(name: str, values: np.ndarray, grid: Grid) -> np.ndarray:
@@ -184,46 +176,13 @@ def step_of(name: str, values: np.ndarray, steps: int = STEPS) -> float:
     return round_step(span, LOGARITHMIC_STEPS if fine and steps == STEPS else steps)
 
 
-def legend_of(hazard: "xr.Dataset", name: str, values: np.ndarray, like: str = "") -> Legend:
-    """Classes of a map with ``values`` in the printed unit, those of QGIS; ``like``: name of the map whose classes it has."""
-    if name in (INTENSITY, LEVEL):
-        entries = entries_of(hazard, name)
-        numbers, colours = [float(entry["number"]) for entry in entries], [entry["colour"] for entry in entries]
-        return Legend(numbers, colours, [label(entry) for entry in entries], named=True)
-    finite = values[np.isfinite(values)]
-    smallest, largest = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-    mapped = quantity_of(name)
-    thresholds: Sequence[float] = ()
-    if mapped is not None and mapped.threshold in hazard.coords:
-        thresholds = (hazard[mapped.threshold].values / VARIABLES[mapped.threshold].printed[1]).tolist()
-    edges = [float(edge) for edge in class_edges(like or name, thresholds, smallest, largest)]
-    if edges[0] < 0.0 and edges[0] == -edges[-1]:  # QGIS mixes the colours of a difference
-        edges = np.linspace(edges[0], edges[-1], SIGNED_CLASSES + 1)[:-1].tolist()
-    opaque = name in OPAQUE
-    return Legend(edges, class_colours(ramp_of(like or name), len(edges)), _labels(name, edges, opaque), opaque)
-
-
-def _labels(name: str, edges: list[float], opaque: bool) -> list[str]:
-    """Words of classes by their lower edges."""
-    printed = [f"1/{1 / edge:.0f}" if "annual" in name and edge else f"{edge:g}".replace("-", MINUS) for edge in edges]
-    if printed[0] == "0" and not opaque:
-        printed[0] = "above 0"
-    if "members" in name and all(later - edge == 1 for edge, later in pairwise(edges)):
-        return [*printed[:-1], f"{printed[-1]} or more"]
-    if len(edges) == 1:
-        return printed if not opaque else [f"{printed[0]} or more"]
-    return [*(f"{low} to {high}" for low, high in pairwise(printed)), f"{printed[-1]} or more"]
-
-
 def naming(name: str) -> tuple[str, str]:
     """Heading and title of a map in the list; the title is clear without the heading."""
     for q in ALL_QUANTITIES.values():
         if name in _titles(q):
             group, pattern = _titles(q)[name]
             return group, _capital(pattern.format(q.words))
-    return _group(name), _capital(
-        OWN_TITLES.get(name) or (VARIABLES[name].long_name if name in VARIABLES else name.replace("_", " "))
-    )
+    return _group(name), _capital(OWN_TITLES.get(name) or VARIABLES[name].long_name)
 
 
 def _titles(q: MapQuantity) -> dict[str, tuple[str, str]]:

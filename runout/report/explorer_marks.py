@@ -144,7 +144,7 @@ def _remark(dataset: "xr.Dataset", places: int) -> str:
     if PERCENTILE in dataset.dims:
         levels = dataset[PERCENTILE].values
         sentences.append(f"Line: median of the members, each place for itself. Band: {levels.min():g} to {levels.max():g} %.")
-    return " ".join([*sentences, f"Every {step}th value is drawn."] if step > 1 else sentences)
+    return " ".join([*sentences, f"One in {step} values is drawn."] if step > 1 else sentences)
 
 
 def _thin(values: np.ndarray) -> list[float | None]:

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from runout.ensemble.member import members_folder
+from runout.hazard.maps import classes_of
+from runout.hazard.style import MapClasses, class_edges
 from runout.io import netcdf
 from runout.io.member_maps import MemberMaps
 from runout.quantities import ALL_QUANTITIES, ARRIVAL, CHANGE, UNTIL_ARRIVAL
-from runout.report.explorer_layers import MEMBER_STEPS, STEPS, Family, Grid, bytes_of, legend_of, step_of
+from runout.report.explorer_layers import MEMBER_STEPS, STEPS, Family, Grid, bytes_of, step_of
 from runout.report.figures import parameter_label
 from runout.report.members import representative
 from runout.report.study import Study
@@ -91,15 +93,15 @@ def _family(study: Study, name: str, group: str, title: str, levels: list[str], 
     units, divisor = VARIABLES[alike].printed
     printed = values / np.float32(divisor)
     mapped = next((q for q in ALL_QUANTITIES.values() if q.member_map == alike and not q.part_of), None)
-    like = mapped.peak if mapped and mapped.peak in study.hazard else alike
-    legend, step = legend_of(study.hazard, like, _with_largest(study, like, printed, divisor)), step_of(like, printed, steps)
+    finite = printed[np.isfinite(printed)]
+    if mapped and mapped.peak in study.hazard:
+        classes = classes_of(study.hazard, mapped.peak)
+    else:
+        smallest, largest = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+        classes = MapClasses.of(class_edges(alike, [], smallest, largest), units, alike)
     choice = "Snapshot" if name in SNAPSHOTS else "Member"
-    return Family(name, group, title[:1].upper() + title[1:], unit(units), choice, levels, printed, legend, step)
-
-
-def _with_largest(study: Study, like: str, values: np.ndarray, divisor: float) -> np.ndarray:
-    """Values that have to have a class: those of the product as well, where there is one."""
-    return study.hazard[like].values / np.float32(divisor) if like in study.hazard else values
+    step = step_of(mapped.peak if mapped else alike, printed, steps)
+    return Family(name, group, title[:1].upper() + title[1:], unit(units), choice, levels, printed, classes, step)
 
 
 def _words(name: str) -> str:

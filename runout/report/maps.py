@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.palettes import palette_of
 from runout.report.marks import INK, Mark, draw_marks, draw_observed, draw_probes, draw_unknown
 from runout.report.values import NORMAL, SMALL, Extent, MapStyle, Window, draw_values
 
@@ -247,7 +248,7 @@ def _north_arrow(axes: Any) -> None:
 def tint_by_elevation(axes: Any, below: Any, basemap: Basemap) -> None:
     """Colour the whole terrain by its elevation, with a colour bar in the axes ``below``."""
     z = np.ma.masked_invalid(basemap.elevation)
-    tint = axes.imshow(z, cmap="cividis", extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
+    tint = axes.imshow(z, cmap=palette_of("elevation").listed(), extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
     bar = axes.figure.colorbar(tint, cax=below, orientation="horizontal")
     bar.set_label("elevation [m]", fontsize=NORMAL, color=INK)
     bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)

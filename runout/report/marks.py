@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from runout.palettes import OBSERVED, OBSTACLE, PROBE, RELEASE
+
 INK = "#22282f"
-RELEASE = "#d7263d"
-OBSTACLE = "#6b3f16"
-OBSERVED = "#0b4fae"
-PROBE = "#6a1b9a"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
 WIDE = 0.33  # half the mean width of a letter over its size, with a reserve: the axes may still shrink

@@ -1,12 +1,12 @@
 """Draws the values of a map: colours, classes and scales of each quantity, and the colour bar."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from runout.hazard.style import ANNUAL_RATES
+from runout.palettes import ANNUAL_RATES, Palette, palette_of, round_edges
 from runout.quantities import ALL_QUANTITIES, MapQuantity
 from runout.report.marks import INK
 from runout.report.wording import unit
@@ -28,9 +28,13 @@ class MapStyle:
     label : str
         Text of the colour bar, with the unit.
     colours : str
-        A perceptually uniform colour map of matplotlib; light colours are small values.
+        The colour map of matplotlib of a palette (:mod:`runout.palettes`).
     steps : tuple of float
-        Bounds of colour classes; if empty, the scale is continuous from 0 to the 99th percentile.
+        Bounds of colour classes, in the printed unit; if empty, the scale is continuous from 0 to the 99th percentile.
+    beyond : bool
+        Whether values above the last step have a colour of their own.
+    meanings : tuple of str
+        What values of each class do, if that is known; empty for a class without a meaning.
     classes : int
         Approximate number of colour classes with round bounds; 0 for a continuous scale.
     logarithmic : bool
@@ -48,6 +52,8 @@ class MapStyle:
     label: str
     colours: str
     steps: tuple[float, ...] = ()
+    beyond: bool = False
+    meanings: tuple[str, ...] = ()
     classes: int = 0
     logarithmic: bool = False
     faintest: float = 0.0
@@ -56,23 +62,35 @@ class MapStyle:
     top: float = 0.0
 
 
-TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # float32 as in files; a value on a bound is in the class above
+def _style(name: str, label: str, **choices: Any) -> MapStyle:
+    """Style of a kind of map with the palette of its name."""
+    palette = palette_of(name)
+    return MapStyle(label, palette.colours, faintest=-math.inf if palette.opaque or palette.signed else 0.0, **choices)
+
+
+def _bounds(*edges: float) -> tuple[float, ...]:
+    """Bounds of classes from 0 as files hold them in float32; a value on a bound is in the class above."""
+    return tuple(float(np.float32(edge)) for edge in (0.0, *edges))
 
 
 def _style_of(quantity: MapQuantity) -> MapStyle:
     units, divisor = VARIABLES[quantity.peak].printed
-    label = f"{quantity.symbol} [{unit(units)}]"
-    return MapStyle(label, quantity.colours, scale=1.0 / divisor, logarithmic=quantity.logarithmic)
+    palette = palette_of(quantity.name)
+    choices: dict[str, Any] = {"scale": 1.0 / divisor, "logarithmic": quantity.logarithmic}
+    if palette.classes:
+        meanings = tuple(palette.meaning(edge) for edge in (0.0, *palette.classes))
+        choices |= {"steps": _bounds(*palette.classes), "beyond": True, "meanings": meanings}
+    return _style(quantity.name, f"{quantity.symbol} [{unit(units)}]", **choices)
 
 
 STYLES = {
-    "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
-    "annual_rate": MapStyle("annual rate [1/a]", "magma_r", steps=(0.0, *ANNUAL_RATES, 1.0)),
-    "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
-    "share": MapStyle("share of the bed [1]", "YlOrBr", steps=TENTHS),
+    "probability": _style("probability", "conditional probability [1]", steps=_bounds(*palette_of("probability").classes, 1.0)),
+    "annual_rate": _style("annual", "annual rate [1/a]", steps=(0.0, *ANNUAL_RATES, 1.0)),
+    "time": _style("arrival", "time since release [s]", classes=9),
+    "share": _style("share", "share of the bed [1]", steps=_bounds(*palette_of("share").classes, 1.0)),
     **{name: _style_of(quantity) for name, quantity in ALL_QUANTITIES.items()},
-    "distance": MapStyle("standard deviation [m]", "viridis_r", faintest=-math.inf),
-    "difference": MapStyle("change or difference [m]", "RdBu_r", faintest=-math.inf, diverging=True),
+    "distance": replace(_style("distance", "standard deviation [m]"), faintest=-math.inf),
+    "difference": _style("difference", "change or difference [m]", diverging=True),
 }
 
 
@@ -109,23 +127,27 @@ def _extent_of(box: Window, shape: tuple[int, ...], extent: Extent) -> Extent:
 
 
 def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
-    """``cmap`` and ``norm`` of the cells of a map in printed units; the faintest tenth of the colours is not used."""
-    from matplotlib import colormaps
-    from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
-    from matplotlib.ticker import MaxNLocator
+    """``cmap`` and ``norm`` of the cells of a map in printed units."""
+    from matplotlib.colors import BoundaryNorm, LogNorm, Normalize
 
-    colours = ListedColormap(colormaps[style.colours](np.linspace(0.08, 0.95, 256)))
+    palette = Palette(style.colours, signed=style.diverging)
+    colours = palette.listed()
     if style.steps:
-        return {"cmap": colours, "norm": BoundaryNorm(style.steps, 256)}
+        count = len(style.steps) - 1 + style.beyond
+        return {
+            "cmap": palette.listed(count),
+            "norm": BoundaryNorm(style.steps, count, extend="max" if style.beyond else "neither"),
+        }
     values = shown.compressed()
     if values.size == 0:
         return {"cmap": colours, "norm": Normalize(0.0, 1.0)}
     if style.diverging:
         top = style.top or float(np.percentile(np.abs(values), 99)) or 1.0
-        return {"cmap": colormaps[style.colours], "norm": Normalize(-top, top, clip=True)}
+        return {"cmap": colours, "norm": Normalize(-top, top, clip=True)}
     if style.classes:
-        bounds = MaxNLocator(style.classes).tick_values(0.0, max(float(values.max()), 1e-9))
-        return {"cmap": colours, "norm": BoundaryNorm(bounds, 256)}
+        edges = round_edges(0.0, max(float(values.max()), 1e-9), style.classes)
+        top = edges[-1] + (edges[1] if len(edges) > 1 else 1.0)
+        return {"cmap": palette.listed(len(edges)), "norm": BoundaryNorm([*edges, top], len(edges))}
     top = style.top or float(np.percentile(values, 99)) or 1.0
     if style.logarithmic:
         return {"cmap": colours, "norm": LogNorm(max(float(values.min()), top * 1e-3, 1e-9), max(top, 2e-9), clip=True)}
@@ -135,13 +157,15 @@ def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
 def draw_colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
     """Colour bar of an image in the axes ``below``; the numbers of one with stated steps do not depend on the values."""
     above = shown.count() > 0 and not (style.steps or style.classes) and float(np.abs(shown).max()) > painted.norm.vmax
-    extend = ("both" if style.diverging else "max") if above else "neither"
+    extend = "max" if style.beyond else ("both" if style.diverging else "max") if above else "neither"
     bar = below.figure.colorbar(painted, cax=below, orientation="horizontal", extend=extend, extendfrac=0.03)
     bar.solids.set_alpha(1.0)
     largest = f", largest {_short(float(np.abs(shown).max()))}" if above else ""
     bar.set_label(style.label + largest, fontsize=NORMAL, color=INK)
     if style.label == STYLES["annual_rate"].label:
         bar.set_ticks(ANNUAL_RATES, labels=[f"1/{1.0 / rate:.0f}" for rate in ANNUAL_RATES])
+    elif style.steps:
+        bar.set_ticks(style.steps, labels=[f"{step:.4g}" for step in style.steps])
     if style.logarithmic and shown.count():
         ticks = _logarithmic_ticks(painted.norm.vmin, painted.norm.vmax)
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__
+from runout.palettes import palette_of
 from runout.report.html import render
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
@@ -29,17 +30,33 @@ MOST_CELLS = 500_000  # of a picture; larger maps are thinned out
 SLOPE_STEPS_DEG = (0.0, 5.0, 15.0, 25.0, 35.0, 45.0, 60.0, 90.0)
 FACTOR_STEPS = (0.0, 0.8, 1.0, 1.2, 1.5, 2.0, 3.0, LARGEST_FACTOR + 1e-6)
 SHEETS = {
-    "sink_depth": ("Closed sinks", MapStyle("depth below the spill [m]", "Blues"), "Water stays here. Real ponds, or errors and "
-                   "dams of the elevation raster such as bridges, road fills and tree tops. Blue lines: the largest."),
-    "drainage_area": ("Drainage area", MapStyle("drainage area [m²]", "YlGnBu", logarithmic=True), "Area that drains through the "
-                      "cell, over filled sinks: the flow paths."),
-    "ground_slope": ("Slope", MapStyle("slope [°]", "YlOrBr", steps=SLOPE_STEPS_DEG, faintest=-1.0), "Of the ground, by central "
-                     "differences."),
-    "factor_of_safety": ("Factor of safety", MapStyle("median factor of safety [1]", "RdYlBu", steps=FACTOR_STEPS, faintest=-1.0),
-                         "Infinite slope, median over the samples. Red lines: proposed releases."),
-    "failure_probability": ("Probability of failure", replace(STYLES["probability"], label="share of the samples [1]"), "Share of "
-                            "the samples with a factor of safety of at most 1. Not an annual probability."),
-}  # fmt: skip
+    "sink_depth": (
+        "Closed sinks",
+        MapStyle("depth below the spill [m]", palette_of("sink").colours),
+        "Water stays here. Real ponds, or errors and dams of the elevation raster such as bridges, road fills and tree tops. Blue "
+        "lines: the largest.",
+    ),
+    "drainage_area": (
+        "Drainage area",
+        MapStyle("drainage area [m²]", palette_of("drainage").colours, logarithmic=True),
+        "Area that drains through the cell, over filled sinks: the flow paths.",
+    ),
+    "ground_slope": (
+        "Slope",
+        MapStyle("slope [°]", palette_of("slope").colours, steps=SLOPE_STEPS_DEG, faintest=-1.0),
+        "Of the ground, by central differences.",
+    ),
+    "factor_of_safety": (
+        "Factor of safety",
+        MapStyle("median factor of safety [1]", palette_of("safety").colours, steps=FACTOR_STEPS, faintest=-1.0),
+        "Infinite slope, median over the samples. Red lines: proposed releases.",
+    ),
+    "failure_probability": (
+        "Probability of failure",
+        replace(STYLES["probability"], label="share of the samples [1]"),
+        "Share of the samples with a factor of safety of at most 1. Not an annual probability.",
+    ),
+}
 
 
 def slopes_page(

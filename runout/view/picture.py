@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from matplotlib import colormaps
-from matplotlib.colors import ListedColormap
 
+from runout.palettes import Palette
 from runout.report.maps import hillshade
 from runout.report.marks import INK, RELEASE
 from runout.view import surfaces
@@ -71,7 +70,7 @@ class Picture:
         self.scene, self.look = scene.refined(), look
         self.coarse = scene  # one cell of the raster each
         self.scale = surfaces.scale_of(scene, look.colour, look.top)
-        self.colours = ListedColormap(colormaps[self.scale.colours](np.linspace(surfaces.FAINTEST, 1.0, 256)))
+        self.colours = Palette(self.scale.colours).listed()
         self.plotter = _plotter(off_screen, look.size)
         self.text = max(10, round(look.size[1] / TEXT_HEIGHT))
         self.plotter.set_background(SKY, top=SKY_TOP)

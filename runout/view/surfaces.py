@@ -10,7 +10,6 @@ from runout.view.scene import FlowScene
 COLOURED = {"thickness": QUANTITIES["thickness"], "speed": QUANTITIES["speed"]}  # what the flow may be coloured by
 PLAIN_UNITS = {"m": "m", "m s-1": "m/s"}  # the font of VTK has no superscript minus
 TOP_PERCENTILE = 97.0
-FAINTEST = 0.12  # part of the colours that is not used, as too light on the ground
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from runout import log
 from runout.config.schema import MOST_SNAPSHOTS
 from runout.config.site_files import may_hold_bodies
 from runout.errors import ConfigError, RenderError
+from runout.io.draped_image import draped_image
 from runout.view import film, process
 from runout.view.camera import stated_direction
 from runout.view.frames import flow_scene, held
-from runout.view.image import draped_image
 from runout.view.scene import FlowScene, Mesh, Span, on_structures
 from runout.view.surfaces import COLOURED
 from runout.workflow.single_member import chosen_member, simulation_file

@@ -212,7 +212,7 @@ def test_rasters_and_styles_have_the_numbers_and_colours_of_the_scheme(results):
     assert set(np.unique(level)) == {0, 1, 4}
     assert (np.nan_to_num(hazard[LEVEL].values, nan=255) == level).all()
     for years in PERIODS:
-        assert (results / "maps" / f"intensity_class_{years}.tif").is_file()
+        assert (results / "maps" / "danger" / f"intensity_class_{years}.tif").is_file()
     style = ElementTree.fromstring((results / "maps" / "danger_level.qml").read_text().split("\n", 1)[1])
     entries = {int(one.get("value")): (one.get("color"), one.get("label")) for one in style.iter("paletteEntry")}
     assert entries[4] == ("#d7191c", "red (checked: memory)")

@@ -149,12 +149,12 @@ def test_value_at_a_return_period_is_the_largest_one_reached_that_often(products
 
 def test_annual_maps_become_rasters_with_styles_and_outlines(products):
     _, results = products
-    maps = {path.name for path in (results / "maps").iterdir()}
+    maps = {path.name for path in (results / "maps").rglob("*.*")}
     wanted = {"thickness_annual_exceedance_over_1.tif", "thickness_annual_exceedance_over_1.qml"}
     wanted |= {"flow_thickness_at_return_period_100.tif", "pressure_at_return_period_300.qml"}
     assert wanted <= maps
     assert all(OWN_MAP.fullmatch(name) for name in maps)
-    with rasterio.open(results / "maps" / "flow_thickness_at_return_period_100.tif") as raster:
+    with rasterio.open(results / "maps" / "return_periods" / "flow_thickness_at_return_period_100.tif") as raster:
         assert [raster.read(1, masked=True)[place] for place in PLACES][:2] == pytest.approx([2.0, 0.5])
     layer = geopandas.read_file(results / "outlines.gpkg", layer="return_periods").set_index("return_period_a")
     cell = 120.0  # [m2]

@@ -155,4 +155,4 @@ def test_products_of_a_site_with_observations_hold_their_maps_and_scores(tmp_pat
     np.testing.assert_allclose(difference[known], (np.mean(deposits, axis=0) - 0.25)[known], rtol=1e-6)
     assert list(record["observations"]["members"]) == ["0", "1"]
     assert "deposit.tif: turned north up." in record["changes"]
-    assert (results / "maps" / "observed_deposit_thickness.tif").is_file()
+    assert (results / "maps" / "observed" / "observed_deposit_thickness.tif").is_file()

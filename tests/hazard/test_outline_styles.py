@@ -4,12 +4,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 
-from runout.hazard.outline_style import outline_styles, screen_styles, slope_styles
-from runout.hazard.style import below, class_colours, class_edges, qml
-from runout.io.vector import PROBABILITY_LEVELS
+from runout.hazard.outline_style import arrival_style, outline_styles, screen_styles, slope_styles
+from runout.hazard.style import below, class_edges, qml
+from runout.hazard.writers.qgis_project import OUTLINES
+from runout.palettes import PROBABILITY_LEVELS, Palette, palette_of
+
+INFLOWS = ("inflow_lines", "inflow_areas")
+
+
+def test_each_layer_with_a_style_has_its_place_in_the_project_of_qgis():
+    assert set(OUTLINES) == {*outline_styles(), *arrival_style([0.0, 1.0]), "danger_level", "intensity_class"}
 
 
 def read(text):
@@ -34,17 +39,19 @@ def test_lines_of_probability_are_wider_and_darker_the_higher_they_are():
     assert [c.get("symbol") for c in categories] == [s.get("name") for s in symbols]
     widths = [float(options(s)["outline_width"]) for s in symbols]
     assert widths == pytest.approx([0.4 + 0.1 * k for k in range(len(widths))])
-    assert [options(s)["outline_color"] for s in symbols] == [rgb(c) for c in class_colours("YlOrRd", len(symbols))]
+    assert [options(s)["outline_color"] for s in symbols] == [
+        rgb(c) for c in palette_of("probability").hexadecimal(len(symbols) + 1)[1:]
+    ]
 
 
 def test_each_layer_has_a_colour_of_its_own_and_labels():
     styles = {name: read(text) for name, text in outline_styles().items()}
     areas = ("release", "obstacles", "friction_zones", "observed_outline", "return_periods")
-    assert set(styles) == {*areas, "inundation", "structures", "facades", "gauges", "thalweg", "probes", "cross_sections"}
+    assert set(styles) == {*areas, "inundation", "structures", "facades", "gauges", "thalweg", "probes", "cross_sections", *INFLOWS}
     first = {name: options(styles[name])["outline_color"] for name in areas}
     assert first == {
         "release": "215,38,61,255",
-        "obstacles": "107,74,43,255",
+        "obstacles": "107,63,22,255",
         "friction_zones": "34,40,47,255",
         "observed_outline": "11,79,174,255",
         "return_periods": "140,26,75,255",
@@ -61,10 +68,11 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
 def test_points_lines_and_areas_have_symbols_of_their_kind():
     styles = outline_styles() | slope_styles()
     kinds = {name: "".join({s.get("type") for s in read(text).iter("symbol")}) for name, text in styles.items()}
-    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "return_periods", "structures", "sinks")
+    outlined = ("inundation", "obstacles", "friction_zones", "observed_outline", "return_periods", "structures", "sinks")
+    areas = ("release", *outlined, "inflow_areas")
     assert kinds == {
         **dict.fromkeys(areas, "fill"),
-        **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths"), "line"),
+        **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths", "inflow_lines"), "line"),
         **dict.fromkeys(("probes", "gauges"), "marker"),
     }
     assert next(read(slope_styles()["release"]).iter("text-style")).get("fieldName").startswith('"rank"')
@@ -96,18 +104,9 @@ def test_classes_of_pressure_on_facades_join_without_gaps_and_get_wider():
     assert [r.get("symbol") for r in ranges] == [s.get("name") for s in symbols]
     assert [float(r.get("upper")) for r in ranges[:-1]] == [float(r.get("lower")) for r in ranges[1:]]
     assert (float(ranges[0].get("lower")), float(ranges[-1].get("upper"))) == (0.0, 1e12)
-    assert ranges[-1].get("label") == "more than 100 kPa"
+    assert ranges[-1].get("label") == "more than 100 kPa: only strong concrete stands"
     widths = [float(options(s)["line_width"]) for s in symbols]
     assert widths == sorted(set(widths))
-
-
-@pytest.mark.parametrize("count", [1, 2, 5])
-def test_colours_run_from_the_light_to_the_dark_end_of_the_ramp(count):
-    colours = class_colours("plasma_r", count)
-    assert len(colours) == count
-    assert colours[0] == to_hex(colormaps["plasma_r"](0.15))
-    assert count == 1 or colours[-1] == to_hex(colormaps["plasma_r"](1.0))
-    assert count < 3 or colours[2] == to_hex(colormaps["plasma_r"](0.15 + 0.85 * 2 / (count - 1)))
 
 
 @pytest.mark.parametrize(("largest", "edges"), [(0.0, [1.0]), (1.0, [1.0]), (3.0, [1.0, 2.0, 3.0]), (8.0, list(range(1, 9)))])
@@ -128,8 +127,9 @@ def test_an_edge_in_single_precision_belongs_to_the_class_above():
     [
         ("inundation_probability", "YlOrRd", "DISCRETE"),
         ("speed_exceedance_standard_error", "Purples", "DISCRETE"),
-        ("first_arrival_time", "viridis_r", "DISCRETE"),
+        ("first_arrival_time", "YlGnBu_r", "DISCRETE"),
         ("peak_speed", "plasma_r", "DISCRETE"),
+        ("release_thickness", "viridis_r", "DISCRETE"),
         ("elevation", "cividis", "INTERPOLATED"),
     ],
 )
@@ -138,5 +138,5 @@ def test_each_kind_of_map_has_its_colours_and_range(name, ramp, kind):
     shader, renderer = next(style.iter("colorrampshader")), next(style.iter("rasterrenderer"))
     assert shader.get("colorRampType") == kind
     shown = [item.get("color") for item in shader.iter("item") if item.get("alpha") == "255"]
-    assert shown == class_colours(ramp, 3)
+    assert shown == Palette(ramp).hexadecimal(3)
     assert (renderer.get("classificationMin"), renderer.get("classificationMax"), shader.get("minimumValue")) == ("0", "5", "0")

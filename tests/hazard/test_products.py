@@ -93,8 +93,9 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
     layers = list(map_layers(hazard))
     plain = len((*HEADLINE_MAPS, *TERRAIN_MAPS, *BOUNDARY_MAPS))
     assert len(layers) == plain + 2 * (3 + 2 + 2 + 1 + 2 + 2) + 3 * (len(QUANTITIES) + 1)
-    for stem, name, selection in layers:
-        with rasterio.open(made.results / "maps" / f"{stem}.tif") as raster:
+    for layer in layers:
+        name, selection = layer.name, layer.selection
+        with rasterio.open(made.results / f"{layer.path}.tif") as raster:
             require_in_place(raster, made.site.terrain())
             assert raster.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
             assert "3 of 5 members are valid" in raster.tags()["ensemble"]
@@ -104,7 +105,7 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
             read = raster.read(1, masked=True)
             np.testing.assert_array_equal(read.astype(np.float32).filled(np.nan), expected)
             assert float(raster.tags(1)["STATISTICS_MAXIMUM"]) == pytest.approx(read.max())
-        style = ElementTree.parse(made.results / "maps" / f"{stem}.qml").getroot()
+        style = ElementTree.parse(made.results / f"{layer.path}.qml").getroot()
         values = [float(item.get("value", "")) for item in style.iter("item")]
         assert values == sorted(values)
         assert values[-1] == np.inf or name in ("elevation", "ground_slope", "boundary_distance_mean")
@@ -115,8 +116,8 @@ def test_pressure_is_in_kilopascal_in_the_rasters_their_names_and_their_styles(p
     with rasterio.open(maps / "peak_pressure.tif") as raster:
         assert raster.read(1)[0, 0] == pytest.approx(72.0)
     labels = [item.get("label") for item in ElementTree.parse(maps / "peak_pressure.qml").getroot().iter("item")]
-    assert labels[:3] == ["0 kPa", "above 0 to 3 kPa", "3 to 30 kPa"]
-    with rasterio.open(maps / "pressure_exceedance_probability_over_30kPa.tif") as raster:
+    assert labels[:3] == ["0 kPa", "above 0 to 1 kPa", "1 to 3 kPa: windows break"]
+    with rasterio.open(maps / "probability" / "pressure_exceedance_probability_over_30kPa.tif") as raster:
         assert raster.tags()["pressure_threshold"] == "30 kPa"
     assert float(netcdf.read(products.results / "hazard.nc")["peak_pressure"].max()) == pytest.approx(72_000.0), "SI in NetCDF"
 
@@ -178,10 +179,10 @@ def test_outlines_contain_each_other_and_cover_what_the_map_says(products: Produ
 
 def test_a_geopackage_carries_a_style_for_each_of_its_layers(products: Products) -> None:
     path = products.results / "outlines.gpkg"
-    assert set(pyogrio.list_layers(path)[:, 0]) == {"release", "inundation", "obstacles", "layer_styles"}
+    assert set(pyogrio.list_layers(path)[:, 0]) == {"release", "inundation", "obstacles", "arrival", "layer_styles"}
     assert gpd.read_file(path, layer="obstacles")["height_m"].tolist() == [4.0]
     styles = pyogrio.read_dataframe(path, layer="layer_styles").set_index("f_table_name")
-    assert set(styles.index) == {"release", "inundation", "obstacles"}
+    assert set(styles.index) == {"release", "inundation", "obstacles", "arrival"}
     assert styles["useAsDefault"].all()
     assert (styles["f_geometry_column"] == pyogrio.read_info(path, layer="release")["geometry_name"]).all()
     assert (styles["f_table_schema"] == "").all(), "QGIS asks for an empty one"
@@ -225,14 +226,14 @@ def test_maps_of_thresholds_that_are_no_longer_asked_for_vanish(tmp_path: Path) 
     write_products(site, results, make_table(), None)
     own = results / "maps" / "drawn by hand.tif"
     own.write_bytes(b"")
-    (results / "maps" / "pressure_exceedance_probability_over_3kPa.tif.aux.xml").write_bytes(b"")
+    (results / "maps" / "probability" / "pressure_exceedance_probability_over_3kPa.tif.aux.xml").write_bytes(b"")
     changed = SimpleNamespace(**vars(site.settings.hazard) | {"speed_thresholds": [2.5], "pressure_thresholds": [5e3]})
     settings = SimpleNamespace(**vars(site.settings) | {"hazard": changed})
     write_products(replace(site, settings=settings), results, make_table(), None)
-    assert [p.name for p in sorted((results / "maps").glob("pressure_exceedance_probability*"))] == [
+    assert [p.name for p in sorted((results / "maps").rglob("pressure_exceedance_probability*"))] == [
         f"pressure_exceedance_probability_over_5kPa.{kind}" for kind in ("qml", "tif")
     ]
-    assert [p.name for p in sorted((results / "maps").glob("speed_exceedance*.tif"))] == [
+    assert [p.name for p in sorted((results / "maps").rglob("speed_exceedance*.tif"))] == [
         "speed_exceedance_probability_over_2.5.tif",
         "speed_exceedance_standard_error_over_2.5.tif",
     ]

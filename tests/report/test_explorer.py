@@ -273,6 +273,16 @@ def written(made, path):
     return path
 
 
+def pixel_of(page, x, y):
+    """Place of map coordinates [m] on the screen."""
+    return page.run(
+        "(() => { const plot = Bokeh.documents.map((d) => d.roots()[0]).find((r) => r.renderers.length > 2);"
+        "const {x_scale, y_scale} = Bokeh.index.get_by_id(plot.id).frame;"
+        "const map = document.getElementById('explorer-map').getBoundingClientRect();"
+        f"return {{x: map.x + x_scale.compute({x}), y: map.y + y_scale.compute({y})}}; }})()"
+    )
+
+
 READY = "document.documentElement?.dataset.explorer === 'ready'"
 
 
@@ -282,10 +292,14 @@ def test_browser_shows_the_value_of_each_map_without_a_request(study, made, tmp_
     with Page(tmp_path / "profile", width, dark=dark) as page:
         page.open(written(made, tmp_path / "map.html"), READY)
         assert page.run("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
-        page.run("document.getElementById('explorer-map').dispatchEvent(new KeyboardEvent('keydown', {key: '0', bubbles: true}))")
+        peaks = study.hazard["peak_flow_thickness"]
+        row, column = np.unravel_index(int(peaks.values.argmax()), peaks.shape)
+        wanted = float(peaks["x"][column]), float(peaks["y"][row])
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", **pixel_of(page, *wanted))
         place = page.run("document.getElementById('explorer-place').textContent")
         x, y = map(float, re.fullmatch(r"Easting (\d+) m, northing (\d+) m", place).groups())
-        at = study.hazard.sel(x=x, y=y, method="nearest")
+        assert (x, y) == pytest.approx(wanted, abs=10.0)
+        at = study.hazard.isel(x=column, y=row)
         shown = page.run(
             "Object.fromEntries([...document.querySelectorAll('#explorer-readout tr')]"
             ".map((row) => [...row.children].map((cell) => cell.textContent)))"
@@ -318,3 +332,101 @@ def test_browser_reads_each_map_and_opens_each_list_by_its_controls(made, tmp_pa
         unnamed = f"{controls}.filter((one) => !one.labels.length && !one.ariaLabel).length"
         assert page.run(unnamed) == 0
         assert page.errors == []
+
+
+def details_of(content, group, label):
+    """What opens with a mark."""
+    items = next(one["items"] for one in content.marks if one["name"] == group)
+    return next(item["details"] for item in items if item["label"] == label)
+
+
+def probe_series(study):
+    """Percentiles of the discharge and others at a section."""
+    time = np.linspace(0.0, 90.0, 1300)
+    wave = np.maximum(0.0, 40.0 - np.abs(time - 30.0))
+    values = np.stack([0.5 * wave, wave, 2.0 * wave])[:, None, :]
+    names = ("discharge", "passed_volume", "largest_thickness", "flow_width")
+    series = dict.fromkeys(names, (("percentile", "station", "time"), values))
+    coords = {"percentile": [5.0, 50.0, 95.0], "time": time, "station_name": ("station", ["road"])}
+    return xr.Dataset(series, coords=coords)
+
+
+def test_section_opens_its_series_with_median_and_band(study, site):
+    from shapely import LineString
+
+    west, _, south, _ = study.basemap.extent(study.basemap.whole)
+    marks = [Mark(LineString([(west + 100, south + 100), (west + 500, south + 100)]), "road")]
+    probed = replace(study, basemap=replace(study.basemap, probes=marks), probes={"cross_sections": probe_series(study)})
+    details = details_of(content_of(explorer(probed, site.resolved())), "Probes", "road")
+    chart = details["charts"][0]
+    assert (chart["title"], chart["unit"]) == ("discharge", "m³ s⁻¹")
+    assert max(chart["lines"][0]["y"]) == pytest.approx(40.0, rel=0.01)
+    assert max(chart["band"]["high"]) == pytest.approx(80.0, rel=0.01)
+    assert len(chart["x"]) == len(chart["band"]["low"]) <= 650
+    assert details["remark"].endswith("One in 3 values is drawn.")
+
+
+def test_structure_opens_the_loads_of_its_facades(study, site, monkeypatch):
+    from runout.report import explorer_marks
+
+    house = study.basemap.outlines[0].buffer(10.0)
+    loads = SimpleNamespace(over=xr.Dataset({"structure_name": ("facade", ["house", "house", "barn"])}))
+    section = {
+        "headings": [("Structure", ""), ("Facade", ""), ("Force, largest", "kN")],
+        "rows": [["house", "north", "12"], ["house", "east", "3"]], "rounding": "Loads are rounded.",
+    }  # fmt: skip
+    monkeypatch.setattr(explorer_marks, "structure_section", lambda *_: section)
+    built = replace(study, loads=loads, basemap=replace(study.basemap, obstacles=[Mark(house, "house"), Mark(house, "barn")]))
+    content = content_of(explorer(built, site.resolved()))
+    tables = details_of(content, "Obstacles and structures", "house")["tables"]
+    assert tables == [[["Facade", "north"], ["Force, largest [kN]", "12"]], [["Facade", "east"], ["Force, largest [kN]", "3"]]]
+    assert details_of(content, "Obstacles and structures", "barn") == {"tables": [], "remark": "No member reaches it."}
+
+
+def test_profile_opens_its_section(study, site, tmp_path, results):
+    import shutil
+
+    own = tmp_path / "results"
+    shutil.copytree(results, own)
+    (own / "profiles").mkdir()
+    west, _, south, _ = study.basemap.extent(study.basemap.whole)
+    distance = np.linspace(0.0, 400.0, 81)
+    names = ("max_flow_thickness", "max_speed", "arrival_time", "deposit_thickness")
+    profile = xr.Dataset(
+        dict.fromkeys(names, ("distance", distance / 100.0)), coords={"distance": distance}, attrs={"line": "axis"}
+    )
+    profile["x"], profile["y"] = ("distance", west + 100 + distance), ("distance", np.full(81, south + 200.0))
+    profile["bed_elevation"] = profile["ground_elevation"] = ("distance", 500.0 - 0.2 * distance)
+    profile.to_netcdf(own / "profiles" / "axis_ensemble_axis.nc")
+    details = details_of(content_of(explorer(read_study(own), site.resolved())), "Profiles", "axis (axis_ensemble_axis)")
+    assert [chart["title"] for chart in details["charts"]] == ["elevation", "thickness", "speed", "arrival", "deposit"]
+    assert details["charts"][0]["lines"][0]["y"][-1] == pytest.approx(420.0)
+    assert details["charts"][1]["lines"][0]["y"][-1] == pytest.approx(4.0)
+
+
+@needs_chromium
+def test_pointer_on_a_mark_shows_its_label_as_text_and_a_click_opens_it(study, site, tmp_path):
+    from shapely import Point
+
+    west, east, south, north = study.basemap.extent(window_of(study))
+    middle = 0.5 * (west + east), 0.5 * (south + north)
+    series = probe_series(study).rename(largest_thickness="flow_thickness", flow_width="speed", passed_volume="pressure")
+    probes = {"probe_points": series.assign_coords(station_name=("station", [EVIL]))}
+    marked = replace(study, basemap=replace(study.basemap, probes=[Mark(Point(middle), EVIL)]), probes=probes)
+    with Page(tmp_path / "profile") as page:
+        page.open(written(explorer(marked, site.resolved()), tmp_path / "map.html"), READY)
+        place = pixel_of(page, *middle)
+        for move in (3, 1, 0):
+            page.call("Input.dispatchMouseEvent", type="mouseMoved", x=place["x"] + move, y=place["y"])
+        for kind in ("mousePressed", "mouseReleased"):
+            page.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **place)
+        page.run("new Promise((resolve) => setTimeout(resolve, 500))")
+        assert page.run("document.querySelector('#explorer-details b').textContent") == EVIL
+        assert page.run("document.querySelectorAll('#explorer-details > div').length") == 3
+        everywhere = (
+            "const all = (root) => [...root.querySelectorAll('*')].flatMap((e) => [e, ...(e.shadowRoot ? all(e.shadowRoot) : [])]);"
+        )
+        assert page.run(f"(() => {{ {everywhere} return all(document).filter((e) => e.tagName === 'IMG').length; }})()") == 0
+        tooltip = f"(() => {{ {everywhere} return all(document).filter((e) => e.className.includes?.('bk-Tooltip')).length; }})()"
+        assert page.run(tooltip) == 1
+        assert page.errors == page.requests == []

@@ -8,6 +8,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from shapely.geometry import LineString, Point, box
 
+from runout.palettes import PROBABILITY_LEVELS, palette_of
 from runout.report.maps import Basemap, draw_map, png, round_length
 from runout.report.marks import Mark
 from runout.report.values import STYLES, colour_scale
@@ -91,17 +92,17 @@ def test_the_window_stays_on_the_raster_when_the_flow_is_at_its_corner(basemap):
     assert rows.stop - rows.start == columns.stop - columns.start == 24
 
 
-def test_probability_has_classes_of_a_tenth_and_speed_a_scale_from_zero():
+def test_probability_has_the_classes_of_the_outlines_and_speed_a_scale_from_zero():
     shown = np.ma.masked_less_equal(np.linspace(0, 30, 500), 0)
-    assert colour_scale(shown, STYLES["probability"])["norm"].boundaries == pytest.approx(np.arange(11) / 10)
+    assert colour_scale(shown, STYLES["probability"])["norm"].boundaries == pytest.approx([0.0, *PROBABILITY_LEVELS, 1.0])
     speed = colour_scale(shown, STYLES["speed"])["norm"]
     assert (speed.vmin, speed.vmax) == (0.0, pytest.approx(29.7, abs=0.1))
 
 
 def test_a_probability_on_a_bound_is_in_the_class_above_as_files_hold_it():
     scale = colour_scale(np.ma.array([0.5]), STYLES["probability"])
-    colours = [scale["norm"](float(np.float32(k / 10))) for k in range(10)]
-    inside = [scale["norm"](k / 10 + 0.05) for k in range(10)]
+    colours = [scale["norm"](float(np.float32(level))) for level in PROBABILITY_LEVELS]
+    inside = [scale["norm"](level + 0.01) for level in PROBABILITY_LEVELS]
     assert colours == inside
 
 
@@ -154,10 +155,18 @@ def test_every_letter_of_a_map_is_ten_pixels_high_on_a_phone(basemap, width):
     assert min(text.get_fontsize() for text in shown) / 72 * pixels_per_inch >= 10.0
 
 
-def test_pressure_is_shown_in_kilopascal_over_at_most_three_decades():
-    pressure = colour_scale(np.ma.masked_less_equal(np.geomspace(1e-6, 400.0, 500), 0), STYLES["pressure"])["norm"]
-    assert pressure.vmax / pressure.vmin <= 1001
-    assert STYLES["pressure"].scale == 1e-3
+def test_logarithmic_colours_span_at_most_three_decades():
+    flux = colour_scale(np.ma.masked_less_equal(np.geomspace(1e-6, 400.0, 500), 0), STYLES["momentum_flux"])["norm"]
+    assert flux.vmax / flux.vmin <= 1001
+
+
+def test_pressure_is_shown_in_kilopascal_in_classes_with_meanings():
+    style = STYLES["pressure"]
+    assert style.scale == 1e-3
+    assert style.steps == (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
+    assert style.meanings == ("", *palette_of("pressure").meanings)
+    scale = colour_scale(np.ma.array([200.0]), style)
+    assert scale["cmap"](scale["norm"](99.0)) != scale["cmap"](scale["norm"](101.0)) == scale["cmap"](scale["norm"](1e6))
 
 
 @pytest.mark.parametrize("style", [name for name, style in STYLES.items() if not style.diverging])

@@ -6,7 +6,7 @@ import rasterio
 from rasterio.transform import from_bounds
 
 from runout.errors import InputError
-from runout.view.image import draped_image
+from runout.io.draped_image import draped_image
 
 CRS, EXTENT = "EPSG:32632", (500_000.0, 5_000_000.0, 500_400.0, 5_000_200.0)
 

@@ -158,9 +158,9 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     maps = folder / "results" / "maps"
     layers = ("mean_eroded_depth", "mean_elevation_change", "mean_bed_share", "net_erosion_exceedance_probability_over_0.1")
     for name in (*layers, "elevation_change_percentile_5", "eroded_depth_percentile_95", "peak_net_deposition"):
-        assert (maps / f"{name}.tif").is_file(), name
+        assert list(maps.rglob(f"{name}.tif")), name
     names = ("mean_elevation_change", *(f"elevation_change_percentile_{level}" for level in (5, 50, 95)))
-    scales = {(maps / f"{name}.qml").read_text() for name in names}
+    scales = {path.read_text() for name in names for path in maps.rglob(f"{name}.qml")}
     assert len(scales) == 1, "one scale for all maps of the change of elevation"
     edges = re.findall(r'<item value="([-.e0-9]+)"', *scales)
     assert float(edges[0]) == -float(edges[-1]) < 0.0

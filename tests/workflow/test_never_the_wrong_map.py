@@ -122,7 +122,7 @@ def test_maps_of_a_killed_run_do_not_stay_beside_those_of_the_next(site):
     (site / "results" / "maps" / "peak_speed.tif.aux.xml").touch()
     (site / "site.yaml").write_text(THIRD)
     hazard_map.run(site, stages=("hazard",), workers=1)
-    names = {path.name for path in (site / "results" / "maps").iterdir()}
+    names = {path.name for path in (site / "results" / "maps").rglob("*")}
     assert kept.name in names
     assert not {name for name in names if re.search(r"thickness_exceedance.*_(0\.1|0\.3|1|2)\.(tif|qml)|aux", name)}
 

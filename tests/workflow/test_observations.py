@@ -162,10 +162,10 @@ def test_maps_and_layers_open_in_a_gis(observed_site):
     gauges = geopandas.read_file(results / "outlines.gpkg", layer="gauges")
     assert gauges.crs.to_epsg() == 32632
     assert gauges["arrival_time"].tolist()[:2] == [3.0, 6.0]
-    with rasterio.open(results / "maps" / "elevation_change_difference.tif") as file:
+    with rasterio.open(results / "maps" / "observed" / "elevation_change_difference.tif") as file:
         assert (file.read(1, masked=True).mask[:, 45:]).all()
         assert file.read(1)[12, 7] == 0.0  # the release, lowered by as much
-    assert (results / "maps" / "observed_deposit_thickness.qml").is_file()
+    assert (results / "maps" / "observed" / "observed_deposit_thickness.qml").is_file()
 
 
 def test_the_report_shows_scores_members_and_maps(observed_site, finished_site):

@@ -46,7 +46,7 @@ def test_no_map_of_a_file_has_a_value_on_unknown_ground_and_each_has_one_beside_
 
 
 def test_rasters_for_a_gis_are_nodata_there(results):
-    paths = sorted((results / "maps").glob("*.tif"))
+    paths = sorted((results / "maps").rglob("*.tif"))
     assert paths
     for path in paths:
         with rasterio.open(path) as raster:

@@ -1,7 +1,8 @@
 """Formats of the hazard maps: each file of this folder writes one, and no other file lists them.
 
-A file has a function ``write``, which takes :class:`Products` and returns the paths that it wrote, each whole or not at all. If it
-writes other names for other settings, it also has ``earlier``, which takes the results folder and returns what runs left there.
+Its docstring names what it writes and says how to open that, for ``README.txt``. It has a function ``write``, which takes
+:class:`Products` and returns the paths that it wrote, each whole or not at all. If it writes other names for other settings, it
+also has ``earlier``, which takes the results folder and returns what runs left there.
 """
 
 from collections.abc import Sequence
@@ -36,9 +37,9 @@ class Products:
     results: Path
 
 
-def write_all(products: Products) -> list[Path]:
-    """Paths of the files of all formats, after writing them."""
-    return [path for part in parts_of(__name__) for path in part.write(products)]
+def write_all(products: Products) -> dict[str, list[Path]]:
+    """Paths of the files of all formats, after writing them, by the docstring of the format."""
+    return {str(part.__doc__): list(part.write(products)) for part in parts_of(__name__)}
 
 
 def earlier(results: Path) -> set[Path]:

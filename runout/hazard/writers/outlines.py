@@ -1,6 +1,7 @@
-"""``outlines.gpkg``: releases, areas of equal probability, structures, probes and observations as vector layers with styles."""
+"""``outlines.gpkg``: releases, areas of equal probability, structures, probes and observations as vector layers for any GIS."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,17 +9,24 @@ import numpy as np
 
 from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of
 from runout.hazard.observed import observed_layers
-from runout.hazard.outline_style import danger_styles, outline_styles
+from runout.hazard.outline_style import arrival_style, danger_styles, outline_styles
 from runout.hazard.writers import Products
 from runout.io.vector import outline, reaches, write_outlines
-from runout.quantities import QUANTITIES
+from runout.palettes import round_edges
+from runout.quantities import FIRST_ARRIVAL, QUANTITIES
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
     from runout.model.inflow import Inflow
     from runout.model.probes import Probes
     from runout.model.terrain import Terrain
+
+
+ARRIVAL_LAYER, ARRIVAL_START = "arrival", "reached_at"  # layer and column that a GIS plays over time
+RELEASED_AT = "2000-01-01T00:00:00"  # date that stands for the start of the release
+MOMENTS = 24  # of the arrival, about
 
 
 def write(products: Products) -> list[Path]:
@@ -32,11 +40,12 @@ def write(products: Products) -> list[Path]:
         attributes={"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | products.ensemble.counts(),
         zones=site.files.zones(),
         obstacles=[part for obstacles in site.files.obstacles() for part in obstacles.parts],
-        styles=outline_styles() | danger_styles(hazard),
+        styles=outline_styles() | danger_styles(hazard) | arrival_style(arrival_edges(hazard)),
         further={**(observed_layers(observed) if observed else {}), **products.built.layers, **probe_layers(site.files.probes())}
         | inflow_layers(site.files.inflows().require())
         | return_period_layer(hazard, terrain)
-        | danger_layers(hazard, terrain),
+        | danger_layers(hazard, terrain)
+        | arrival_layer(hazard, terrain),
     )
     return [path]
 
@@ -66,6 +75,36 @@ def _areas(hazard: "xr.Dataset", name: str, values: np.ndarray, terrain: "Terrai
         for entry in entries_of(hazard, name)
         if (values == entry["number"]).any()
     ]  # fmt: skip
+
+
+def arrival_edges(hazard: "xr.Dataset") -> list[float]:
+    """Round times [s] from 0 to after the earliest arrival in the last cell, at equal distances; none where no flow arrives."""
+    times = hazard[FIRST_ARRIVAL].values
+    if not np.isfinite(times).any():
+        return []
+    latest = float(np.nanmax(times))
+    first = round_edges(0.0, latest, MOMENTS)[:2]
+    step = first[1] if len(first) > 1 else 1.0
+    return [step * k for k in range(int(latest // step) + 2)]
+
+
+def moment(seconds: float) -> "pd.Timestamp":
+    """Date of a time after the release."""
+    import pandas as pd
+
+    return pd.Timestamp(RELEASED_AT) + pd.Timedelta(seconds, unit="s")
+
+
+def arrival_layer(hazard: "xr.Dataset", terrain: "Terrain") -> dict[str, tuple[str, list[dict[str, Any]]]]:
+    """Layer ``arrival``: cells that the flow of any member reaches first between two times, with a date for players of time."""
+    edges, times = arrival_edges(hazard), hazard[FIRST_ARRIVAL].values
+    rings = [(low, high, (times >= low) & (times < high)) for low, high in pairwise(edges)]
+    rows = [
+        {"from_s": low, "to_s": high, ARRIVAL_START: moment(low), "geometry": outline(cells, terrain)}
+        for low, high, cells in rings
+        if cells.any()
+    ]
+    return {ARRIVAL_LAYER: ("MultiPolygon", rows)} if rows else {}
 
 
 def return_period_layer(hazard: "xr.Dataset", terrain: "Terrain") -> dict[str, tuple[str, list[dict[str, Any]]]]:
