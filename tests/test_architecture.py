@@ -45,8 +45,6 @@ COME_WITH = {  # always, in a version that fits
     "pydantic_core": "pydantic",
     "mpl_toolkits": "matplotlib",
     "threadpoolctl": "sklearn",
-    "contourpy": "matplotlib",
-    "markupsafe": "jinja2",
 }
 HEAVY = (
     "numba",

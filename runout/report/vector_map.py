@@ -246,9 +246,12 @@ class VectorMaps:
         """Colour bar with the numbers and the unit below it."""
         norm, colours = scale["norm"], scale["cmap"]
         bounds = getattr(norm, "boundaries", None)
-        parts = len(bounds) - 1 if bounds is not None else BAR_PARTS
-        middles = (np.arange(parts) + 0.5) / parts
-        painted = colours(norm((bounds[1:] + bounds[:-1]) / 2) if bounds is not None else middles, bytes=True)[:, :3]
+        parts = len(bounds) - 1 + style.beyond if bounds is not None else BAR_PARTS
+        if bounds is None:
+            painted = colours((np.arange(parts) + 0.5) / parts, bytes=True)[:, :3]
+        else:
+            middles = [*(0.5 * (bounds[1:] + bounds[:-1])), 2.0 * bounds[-1]][:parts]
+            painted = colours(norm(np.array(middles)), bytes=True)[:, :3]
         width = self.width / parts
         rects = "".join(
             f'<rect x="{LEFT + k * width:.1f}" width="{width + 0.3:.1f}" height="9" fill="#{r:02x}{g:02x}{b:02x}"/>'
@@ -263,7 +266,7 @@ class VectorMaps:
         most = f"; largest {_short(float(np.abs(shown).max()))}" if above else ""
         return Markup(
             f'<svg class="bar" viewBox="0 0 {self.width + LEFT + EDGE:.1f} 26" aria-hidden="true">{rects}{numbers}</svg>'
-            f'<p class="unit">{escape(style.label)}{most}</p>'
+            f'<p class="unit">{escape(style.label)}{most}{_meanings(style)}</p>'
         )
 
 
@@ -276,6 +279,12 @@ def round_ticks(low: float, high: float, count: int) -> list[float]:
     step = next(factor * ten for factor in (1.0, 2.0, 5.0, 10.0) if factor * ten >= rough * 0.999)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [float(f"{number * step:.10g}") for number in range(first, last + 1)]
+
+
+def _meanings(style: MapStyle) -> str:
+    """What values from each bound on do, where the style says so."""
+    words = [f"from {step:g}: {escape(words)}" for step, words in zip(style.steps, style.meanings, strict=False) if words]
+    return "".join(f"; {part}" for part in words)
 
 
 def _indexed(index: np.ndarray, colours: np.ndarray) -> str:

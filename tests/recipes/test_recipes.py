@@ -79,7 +79,7 @@ def test_a_quantity_has_settings_maps_over_the_members_rasters_probes_and_a_page
         assert list((results / "maps").rglob(f"{stem}.qml"))
     with rasterio.open(results / "maps" / "peak_froude_number.tif") as raster:
         assert raster.read(1).max() == pytest.approx(largest, rel=1e-6)
-    assert (results / "report.html").read_text().count("Froude number") >= 4
+    assert (results / "report.html").read_text().count("Froude number") >= 1
     (series,) = (results / "probes").glob("*.nc")
     with xr.open_dataset(series) as probes:
         assert "froude_number" in " ".join(map(str, probes.variables))

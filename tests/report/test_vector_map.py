@@ -50,6 +50,18 @@ def test_each_cell_has_its_pixel_in_the_colour_of_its_value():
         assert np.abs(pixels[place][:3] - expected).max() <= 3
 
 
+def test_values_beyond_the_last_class_have_a_colour_and_a_part_of_the_bar_of_their_own():
+    style, values = STYLES["pressure"], np.full((N, N), np.nan)
+    values[1, 1], values[2, 2] = 1e3 * 99.0, 1e3 * 1e6  # Pa
+    drawn = maps().drawn(values, style, "pressure")
+    pixels = image(drawn)
+    assert pixels[1, 1].tolist() != pixels[2, 2].tolist()
+    parts = re.findall(r'height="9" fill="#([0-9a-f]{6})"', drawn.legend)
+    assert len(parts) == len(style.steps)
+    assert pixels[2, 2, :3].tolist() == list(bytes.fromhex(parts[-1]))
+    assert all(f"from {step:g}: " in drawn.legend for step, words in zip(style.steps, style.meanings, strict=False) if words)
+
+
 def test_classes_have_the_colours_of_the_scheme_and_the_strongest_is_first_in_the_legend():
     values = np.zeros((N, N))
     values[3, 4], values[5, 6] = 1, 2

@@ -74,7 +74,7 @@ def test_a_run_writes_percentiles_tables_and_figures_of_the_probes_of_site_yaml(
     assert {"site_ensemble_point_road.png", "site_ensemble_cross_section_fan.png", "site_ensemble_points_peaks.csv"} <= names
     report = (results / "report.html").read_text(encoding="utf-8")
     assert report.count('<section id="probes">') == 1
-    assert "it arrives at road in 100\u202f% of the members" in report
+    assert "it arrives at road" in report
     assert set(gpd.list_layers(results / "outlines.gpkg")["name"]) >= {"probes", "cross_sections"}
     assert main(["probe", str(probed_site)]) == 0
     assert not any(Study.open(probed_site).why_stale(stage) for stage in hazard_map.PLAN)
