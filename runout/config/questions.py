@@ -29,9 +29,13 @@ def with_answers(tokens: Sequence[str]) -> list[str]:
     asks = list(tokens[:1]) == ["new"] and len(tokens) == 1 + len(arguments) <= 2 and sys.stdin.isatty() and sys.stderr.isatty()
     if not asks:
         return list(tokens)
+    from runout.config.scaffold import require_free
+
+    for folder in arguments:
+        require_free(Path(folder))
     _complete_names()
     _say("Enter takes the answer in brackets, Tab completes names, Ctrl-C leaves everything as it is.")
-    made = ["new", arguments[0] if arguments else _asked("Folder of the new site", "site")]
+    made = ["new", arguments[0] if arguments else _asked("Folder of the new site", "site", lambda name: require_free(Path(name)))]
     made += _of_process()
     dem = _asked("Elevation raster (DEM)", _only(RASTERS), _readable_dem)
     release = _asked("Release: polygons, or a raster of thickness", _only(POLYGONS), _readable_release)

@@ -92,7 +92,7 @@ def new_site(
     target, dem, release = Path(os.path.abspath(folder)), str(dem), str(release)
     chosen = None if process is None else process_named(process)
     _require_inputs(dem, release)
-    _require_free(Path(folder), dem, release)
+    require_free(Path(folder), dem, release)
     if cell_size is not None:
         checked("cell_size", cell_size, key="--cell-size")
     cell, mass = cell_and_release(dem, release, thickness, crs, layer)
@@ -135,7 +135,7 @@ def missing(source: str, what: str) -> str:
     return f"{path}: there is no such {what} file" + (f"; did you mean {near}?" if near else "; check its path")
 
 
-def _require_free(folder: Path, *sources: str) -> None:
+def require_free(folder: Path, *sources: str) -> None:
     """Raise an error if a folder is in use."""
     if not exists(folder) or (folder.is_dir() and not names_in(folder)):
         return

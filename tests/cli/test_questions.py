@@ -52,10 +52,11 @@ def at_terminal(folder, tokens, answers):
 
 
 def test_answers_are_checked_at_once_and_become_the_options_of_a_command(here):
-    answers = ["slope", "lahar", "3", "gone.tif", "", "", "width", "", "many", "8"]
+    answers = ["scar.gpkg", "slope", "lahar", "3", "gone.tif", "", "", "width", "", "many", "8"]
     code, text = at_terminal(here, ["new"], answers)
     assert code == 0, text
     for message in (
+        "scar.gpkg: is there already; choose another name or remove it",
         "--process lahar: there is no such process; choose one of rock_avalanche",
         "gone.tif: there is no such elevation file",
         "no attribute 'width' for the thickness; attributes: 'depth'",
@@ -98,6 +99,7 @@ def test_an_end_in_the_middle_leaves_nothing_behind(here, key):
     [
         (["new", "slope", "--dem", "dem.tif", "--release", "scar.gpkg"], 0, "made slope/site.yaml"),
         (["new", "slope", "--process", "debris_flow"], 2, "usage: runout new FOLDER --dem DEM --release RELEASE"),
+        (["new", "dem.tif"], 2, "dem.tif: is there already; choose another name or remove it"),
         (["new", "slope", "--cell-size", "0"], 2, "usage: runout new FOLDER --dem DEM --release RELEASE"),
     ],
 )
