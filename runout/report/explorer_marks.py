@@ -54,7 +54,8 @@ def marks(study: Study, settings: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _inundation(study: Study, cell: float) -> Iterator[Mark]:
     """Outlines within which the flow arrives with a probability, without the corners on straight edges."""
-    for feature in features(study.results / "outlines.gpkg", "inundation"):
+    has_probability = "inundation_probability" in study.hazard
+    for feature in features(study.results / "outlines.gpkg", "inundation") if has_probability else ():
         yield Mark(feature["geometry"].simplify(0.01 * cell), f"probability {percent(float(feature['probability']))}")
 
 

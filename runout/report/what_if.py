@@ -70,7 +70,8 @@ def page(site: "Site", results: Path, sweep: Sweep, outcomes: "pd.DataFrame", no
     study = read_study(results)
     kept = [name for name in study.hazard.data_vars if name in (*GROUND, "crs")]
     settings = site.resolved()
-    parts = explorer(replace(study, hazard=study.hazard[kept]), settings)
+    chosen = replace(study, hazard=study.hazard[kept], probes={}, loads=None)  # no percentiles: the values are not sampled
+    parts = explorer(chosen, settings, site.folder)
     drawing, places = drawn(curves(sweep, outcomes), outcomes)
     content = {
         "title": settings.get("title") or site.name,
