@@ -126,7 +126,7 @@ def _layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float], 
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}, _words(hazard, name)
     for name in dict.fromkeys((INFLOW_MAP, *BED_SUMMARIES, *OBSERVED_MAPS, *BOUNDARY_MAPS, *CELL_ERRORS)):
-        if name in hazard:
+        if name in hazard and name not in HEADLINE_MAPS:
             yield name, name, {}, _words(hazard, name)
     for quantity in ALL_QUANTITIES.values():
         yield from _over_thresholds(hazard, quantity)

@@ -27,6 +27,8 @@ OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/report/study.py",
     "runout/report/structures.py",
     "runout/hazard/members.py",
+    "runout/hazard/writers/qgis_project.py",
+    "runout/hazard/writers/virtual_globe.py",
     "runout/hazard/facades.py",
     "runout/hazard/probe_series.py",
     "runout/view/frames.py",

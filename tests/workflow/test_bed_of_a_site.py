@@ -165,7 +165,7 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     edges = re.findall(r'<item value="([-.e0-9]+)"', *scales)
     assert float(edges[0]) == -float(edges[-1]) < 0.0
     page = (folder / "results" / "report.html").read_text()
-    assert "Eroded depth" in page
+    assert "volume of the bed that the flow took up" in page
     assert "The bed is eroded at the rate of an empirical law" in page
     assert "takes up no bed" not in page
     study = read_study(folder / "results")

@@ -53,7 +53,7 @@ def values(file):
     if file.suffix == ".gpkg":
         return {name: geopandas.read_file(file, layer=name).to_wkt().to_dict() for name in ("release", "inundation")}
     if file.suffix == ".html":
-        return re.sub(r"data:image/png;base64,[^\"]*|\d{4}-\d\d-\d\d[T ][^<]*", "", file.read_text())
+        return re.sub(r"data:image/png;base64,[^\"]*|\d{4}-\d\d-\d\d[T ][^<]*|[0-9a-f]{64}", "", file.read_text())
     return file.read_bytes() if file.suffix == ".qml" else None
 
 
