@@ -18,6 +18,7 @@ OTHERS = {  # files that are not hazard maps, where they are there; this run wri
     "report.html": "the report for people: open it in a browser; it needs no network",
     "members.nc": "the maps of every member with its parameters and weight",
     "members/": "one file for each member: its maps and its mass, momentum and energy over time",
+    "second_grid/": "the members on larger cells, from which the numerical error of each cell follows",
     "structures.nc": "forces and pressures on structures by facade",
     "probes/": "series at the probes: NetCDF, tables (CSV) and figures",
     "terrain.nc": "the elevation that the runs used",

@@ -17,6 +17,7 @@ from runout.hazard.boundary import DEVIATION, MEAN
 from runout.hazard.danger import INTENSITY, LEVEL
 from runout.hazard.joint import conditions_of
 from runout.hazard.maps import classes_of
+from runout.hazard.second_grid import DECIDING
 from runout.hazard.style import NUMBERS, MapClasses
 from runout.palettes import palette_of
 from runout.quantities import ALL_QUANTITIES, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, UNTIL_ARRIVAL, MapQuantity
@@ -167,7 +168,7 @@ def _reduced(name: str, values: np.ndarray, grid: Grid) -> np.ndarray:
 
 def step_of(name: str, values: np.ndarray, classes: MapClasses, steps: int = STEPS) -> float:
     """Distance of two codes of a map in the printed unit: a part of the largest value, and of the first class above 0."""
-    if name in (INTENSITY, LEVEL) or "members" in name:
+    if name in (INTENSITY, LEVEL, DECIDING) or "members" in name:
         return 1.0
     if "probability" in name or "share" in name:
         return 1.0 / steps
@@ -197,6 +198,10 @@ def _titles(q: MapQuantity) -> dict[str, tuple[str, str]]:
         q.peak: ("Largest of all members", "{}, largest of all members"),
         q.mean: ("Mean of the members", "{}, mean of the members"),
         q.exceedance("standard_error"): (ERRORS, "Standard error of the probability of {}"),
+        q.exceedance("numerical_error"): (ERRORS, "Numerical error of the probability of {}"),
+        q.deviation: (ERRORS, "{}, standard deviation of the members"),
+        q.standard_error: (ERRORS, "{}, standard error of the mean of the members"),
+        q.numerical_error: (ERRORS, "{}, numerical error of the mean of the members"),
     }
 
 
@@ -204,12 +209,14 @@ def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-PROBABILITIES, ERRORS = "Probability that a threshold is reached", "Standard error of the probability"
+PROBABILITIES, ERRORS = "Probability that a threshold is reached", "Errors of each cell"
 OWN_TITLES = {
     "inundation_probability": "probability that the flow arrives (lowest threshold of thickness)",
     "joint_exceedance_probability": "probability of a joint condition",
     "joint_exceedance_standard_error": "standard error of the probability of a joint condition",
+    "joint_exceedance_numerical_error": "numerical error of the probability of a joint condition",
     "joint_annual_exceedance": "annual rate of a joint condition",
+    DECIDING: "largest of the three errors of the mean flow thickness",
     INTENSITY: "intensity class at a return period",
     LEVEL: "level of danger",
     MEAN: "distance to the boundary of the flow, positive inside, mean",
@@ -228,7 +235,7 @@ GROUPS = (
 def _group(name: str) -> str:
     of = {
         "Danger": name in (INTENSITY, LEVEL), "Terrain": name in TERRAIN, "Arrival": name in UNTIL_ARRIVAL,
-        ERRORS: name.endswith("standard_error"), "Boundary of the flow": "boundary" in name,
+        ERRORS: name.endswith("_error"), "Boundary of the flow": "boundary" in name,
         PROBABILITIES: name.endswith("probability"), "Annual rate": "annual" in name,
         "Observed": "observed" in name or name.endswith("difference"),
     }  # fmt: skip
