@@ -38,7 +38,14 @@ def new(
     from runout.config.scaffold import new_site
 
     made = new_site(folder, dem, release, thickness, crs=crs, layer=layer, process=process, cell_size=cell_size)
-    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, quote(str(folder)))
+    todo = (
+        "look through its values"
+        if process
+        else "set the material in site.yaml"
+        if thickness
+        else "set thickness and material in site.yaml"
+    )
+    LOGGER.info("made %s; %s, then: runout check %s", made, todo, quote(str(folder)))
     return ExitCode.OK
 
 

@@ -14,6 +14,7 @@ from runout.report.figures import parameter_label
 from runout.report.study import Study
 from runout.report.wording import area, number, percent, quantity, span, volume
 
+OF_FRICTION = re.compile(r"(.+\.)?basal_")  # names of sampled parameters of the law of friction, of all releases or of one
 VOLUME, DISCHARGE = "release_volume_factor", "discharge_factor"
 POSTERIOR = "posterior.csv"  # rows of `runout calibrate`
 LAPTOP = "The check forecasts it for the machine that it runs on."
@@ -72,19 +73,14 @@ def _times(study: Study, factor: str) -> str:
 
 def friction(study: Study, settings: Mapping[str, Any]) -> str:
     """Friction of the members and where it comes from."""
-    sampled = [name for name in tables.sampled_parameters(study) if "friction" in name or name in _law(settings)]
+    sampled = [name for name in tables.sampled_parameters(study) if "friction" in name or OF_FRICTION.match(name)]
     if not sampled:
-        angle = settings.get("basal_friction_angle_deg")
-        law = _law(settings).get("law")
+        angle, block = settings.get("basal_friction_angle_deg"), settings.get("basal_friction")
+        law = block.get("law") if isinstance(block, Mapping) else ""
         fixed = f"basal friction angle {quantity(angle, 'degree')}" if angle is not None else f"basal friction by {law or 'law'}"
         return f"{fixed} in every member, stated in site.yaml and not calibrated"
     ranges = [_range(study, name) for name in sampled]
     return f"{', '.join(ranges)}, {origin(settings)}"
-
-
-def _law(settings: Mapping[str, Any]) -> Mapping[str, Any]:
-    block = settings.get("basal_friction")
-    return block if isinstance(block, Mapping) else {}
 
 
 def _range(study: Study, name: str) -> str:

@@ -53,6 +53,17 @@ def test_friction_of_a_table_names_the_table(study, settings, table, origin):
     assert origin in first_screen.assumed(study, settings | {"ensemble": {"table": table}})
 
 
+@pytest.mark.parametrize("name", ["basal_mu", "slab.basal_mu"])
+def test_sampled_parameters_of_a_law_of_friction_are_stated_as_a_range(study, settings, name):
+    """They are named after the block that states them, and after a release where only one has the law."""
+    members = study.members.rename(columns={"basal_friction_angle_deg": name}).assign(
+        **{name: np.linspace(0.05, 0.4, len(study.members))}
+    )
+    said = first_screen.assumed(replace(study, members=members), settings | {"basal_friction": {"law": "voellmy"}})
+    assert "0.05 to 0.4, a range stated in site.yaml, not calibrated" in said
+    assert "in every member" not in said
+
+
 def test_friction_that_no_member_changes_is_stated_with_its_value(study, settings):
     fixed = replace(study, members=study.members.drop(columns=["basal_friction_angle_deg", "release_volume_factor"]))
     said = first_screen.assumed(fixed, settings | {"basal_friction_angle_deg": 18.0})
