@@ -44,7 +44,7 @@ def _lines(products: Products, written: Mapping[str, Sequence[Path]]) -> Iterato
     for docstring, paths in sorted(written.items(), key=lambda part: "SITE" not in part[0]):  # what opens by itself comes first
         name, words = _described(docstring, products.site.name)
         yield from _entry(name, words if paths else f"not written. {words}")
-        if any(path.suffix == ".tif" for path in paths):
+        if name == "maps/":
             yield from _maps(products)
     for name, words in list(OTHERS.items())[1:]:
         if (results / name).exists() or name == "run.json":

@@ -13,7 +13,7 @@ import numpy as np
 import pyogrio
 import pytest
 import rasterio
-from synthetic_ensemble import Products, make_site, make_table, write_all
+from synthetic_ensemble import SHAPE, Products, make_site, make_table, write_all
 
 from runout.hazard.maps import GROUPS, map_layers
 from runout.hazard.products import write_products
@@ -184,3 +184,28 @@ def test_qgis_opens_draws_plays_and_prints_the_project(made: Products, qgis: str
         assert f"QgsLayoutItem{item}" in items
     assert (tmp_path / "layout.pdf").read_bytes().startswith(b"%PDF")
     assert before == {path: path.read_bytes() for path in made.paths}, "products are as they were"
+
+
+def test_snapshots_of_a_member_are_rasters_and_layers_of_their_time(tmp_path: Path) -> None:
+    site, results = make_site(tmp_path)
+    terrain, times, frames = site.terrain(), [0.0, 2.5, 10.0], np.random.default_rng(2).random((3, *SHAPE), np.float32)
+    for file in (results / "members").glob("*.nc"):
+        group = netcdf.map_dataset(terrain, {}, title="snapshots").assign_coords(time=("time", times))
+        netcdf.add_map(group, "flow_thickness", frames, ("time",))
+        netcdf.write(netcdf.read(file), file, groups={"snapshots": group})
+    write_products(site, results, make_table(), None)
+    layers = {layer.findtext("id"): layer for layer in project(results / "valley.qgz").iter("maplayer")}
+    spans = []
+    for time, frame in zip(times, frames, strict=True):
+        layer = layers[f"snapshot_{time:g}"]
+        with rasterio.open(results / layer.findtext("datasource")) as raster:
+            np.testing.assert_array_equal(raster.read(1), frame)
+        fixed = layer.find("temporal[@mode='0']/fixedRange")
+        spans.append((fixed.findtext("start"), fixed.findtext("end")))
+    starts = ["2000-01-01T00:00:00Z", "2000-01-01T00:00:02.500000Z", "2000-01-01T00:00:10Z"]
+    assert spans == list(zip(starts, [*starts[1:], "2000-01-01T00:00:17.500000Z"], strict=True))
+    assert "maps/snapshots/" in (results / "README.txt").read_text()
+    for file in (results / "members").glob("*.nc"):
+        netcdf.write(netcdf.read(file), file)
+    write_products(site, results, make_table(), None)
+    assert not list((results / "maps" / "snapshots").glob("*"))

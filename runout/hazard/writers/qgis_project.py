@@ -16,6 +16,8 @@ from runout import __version__
 from runout.hazard.archives import filled, write_archive
 from runout.hazard.maps import GROUPS, headline, map_layers
 from runout.hazard.writers import Products
+from runout.hazard.writers.member_snapshots import GROUP as SNAPSHOTS
+from runout.hazard.writers.member_snapshots import snapshots
 from runout.hazard.writers.outlines import ARRIVAL_LAYER, ARRIVAL_START, arrival_edges, moment
 from runout.io.grid import horizontal_crs
 
@@ -45,7 +47,10 @@ OUTLINES = {  # layers of outlines.gpkg: group, words, whether they are shown at
     "intensity_class": ("danger", "Areas of the classes of intensity", False),
     ARRIVAL_LAYER: ("arrival", "Arrival over time (temporal controller)", False),
 }
-OPEN_GROUPS = {"outlines": "Outlines and release", "structures": "Structures", "probes": "Probes"}  # above those of the maps
+OPEN_GROUPS = {  # above those of the maps
+    **{"outlines": "Outlines and release", "structures": "Structures", "probes": "Probes"},
+    SNAPSHOTS: "Snapshots of one member (temporal controller)",
+}
 HILLSHADE = (
     '<pipe><rasterrenderer type="hillshade" band="1" azimuth="315" angle="45" zfactor="1" multidirection="0" opacity="1" '
     'alphaBand="-1" nodataColor=""/><brightnesscontrast brightness="35" contrast="-20" gamma="1"/>'
@@ -71,6 +76,7 @@ class Layer:
     start: str = ""
     legend: bool = True
     shown_classes: str = ""
+    span: tuple[str, str] | None = None
 
     @property
     def type(self) -> str:
@@ -94,7 +100,7 @@ def project_content(products: Products) -> dict[str, Any]:
     """What the template of the project shows."""
     hazard, terrain = products.hazard, products.terrain
     results, first = products.results, headline(hazard).name
-    layers = [*_vector_layers(results, first), *_raster_layers(hazard, results), _hillshade(hazard)]
+    layers = [*_vector_layers(results, first), *_raster_layers(hazard, results), *_snapshot_layers(products), _hillshade(hazard)]
     groups: list[dict[str, Any]] = [
         {"title": title, "layers": own, "open": any(layer.visible for layer in own)}
         for name, title in (OPEN_GROUPS | GROUPS).items()
@@ -112,7 +118,7 @@ def project_content(products: Products) -> dict[str, Any]:
         "sheet": sheet,
         "bar": _round_length((sheet[2] - sheet[0]) / 8),
         "labels": _labels(products, title),
-        **_times(hazard),
+        **_times(products),
     }
 
 
@@ -129,6 +135,24 @@ def _raster_layers(hazard: "xr.Dataset", results: Path) -> Iterator[Layer]:
             _inner(root),
             visible=layer.name == first,
             shown_classes=_with_meaning(root),
+        )
+
+
+def _snapshot_layers(products: Products) -> Iterator[Layer]:
+    """Layers of the snapshots of one member, each for its span of time."""
+    for one in snapshots(products):
+        text = (products.results / f"{one.path}.qml").read_text(encoding="utf-8")
+        root = ElementTree.fromstring(text.split("\n", 1)[1])
+        title = f"Flow thickness at {one.start:g} s, member {one.member}"
+        yield Layer(
+            f"snapshot_{one.start:g}",
+            title,
+            f"./{one.path.as_posix()}.tif",
+            SNAPSHOTS,
+            _inner(root),
+            legend=False,
+            shown_classes=_with_meaning(root),
+            span=(f"{moment(one.start).isoformat()}Z", f"{moment(one.end).isoformat()}Z"),
         )
 
 
@@ -227,7 +251,10 @@ def _labels(products: Products, title: str) -> list[tuple[str, str, Box, int, bo
     ]
 
 
-def _times(hazard: "xr.Dataset") -> dict[str, Any]:
+def _times(products: Products) -> dict[str, Any]:
     """End and step [s] of the time of the project."""
-    edges = arrival_edges(hazard)
-    return {"end": moment(edges[-1]).isoformat() + "Z", "step": edges[1] - edges[0]} if edges else {"end": "", "step": 0}
+    edges, kept = arrival_edges(products.hazard), [one.end for one in snapshots(products)]
+    if not edges and not kept:
+        return {"end": "", "step": 0}
+    step = edges[1] - edges[0] if edges else kept[-1] / len(kept)
+    return {"end": moment(max(edges[-1:] + kept)).isoformat() + "Z", "step": step}
