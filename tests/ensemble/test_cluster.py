@@ -139,9 +139,9 @@ def test_members_end_with_a_client_that_is_killed(tmp_path, dask):
     place = site(tmp_path)
     client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path})
     wait_until(lambda: len(calls(place)) == 2, 120)
-    client.send_signal(signal.SIGKILL)
-    client.wait()
     members = [one for one in psutil.Process(worker.pid).children() if "spawn_main" in " ".join(one.cmdline())]
+    client.send_signal(signal.SIGKILL)  # they may end at once, so they are listed before
+    client.wait()
     assert len(members) == 2
     assert psutil.wait_procs(members, timeout=60)[1] == []
 
