@@ -27,7 +27,7 @@ from runout.hazard.structure_products import write_structures
 from runout.io import netcdf, source_code
 from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
-from runout.io.member_maps import MemberMaps
+from runout.io.member_maps import SNAPSHOTS, MemberMaps
 from runout.io.provenance import file_record, provenance
 from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of
@@ -106,7 +106,8 @@ def write_products(
     built = write_structures(site, ensemble, terrain, attributes, results)
     origin["changes"] = [*origin["changes"], *built.changes]
     outdated = writers.earlier(results)
-    products = writers.Products(hazard, ensemble, site, terrain, releases, observed, built, results)
+    kept = tuple(of_members["snapshots"])
+    products = writers.Products(hazard, ensemble, site, terrain, releases, observed, built, results, kept)
     written = writers.write_all(products)
     paths = [results / "members.nc", *built.paths, *(path for files in written.values() for path in files)]
     paths.append(write_readme(products, written))
@@ -125,6 +126,7 @@ def _write_members(
     """
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
+    snapshots: list[float] = []  # times [s] of the first member
     of_bed = BedMaps(ensemble.weights)
     boundary = BoundaryMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
     title = f"{_title(site)}: members of the ensemble"
@@ -133,6 +135,8 @@ def _write_members(
         def each(number: int, member: MemberMaps) -> None:
             resolution.update(worst([resolution, member.attributes]))
             stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
+            if number == 0 and SNAPSHOTS in member.file.groups:
+                snapshots.extend(map(float, member.file.groups[SNAPSHOTS]["time"][:]))
             copy(number, member)
             of_bed.take(number, member)
             boundary.take(number, member)
@@ -140,7 +144,7 @@ def _write_members(
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
         of_bed.add_to(hazard)
         boundary.add_to(hazard)
-    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
+    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness), "snapshots": snapshots}
 
 
 def _add_second_grid(hazard: "xr.Dataset", site: "Site", ensemble: Ensemble, results: Path, spacing: tuple[float, float]) -> None:

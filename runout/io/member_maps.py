@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MEMBER_MAPS, BED_MAPS = member_map_names(), bed_map_names()
+SNAPSHOTS = "snapshots"  # group with thickness and speed at some times, where the site keeps them
 RASTER = "raster"  # group with the place of the whole raster, in files that hold a part of it
 STEP = 64  # cells; parts begin and end on multiples of it
 SMALLEST_BLOCK = netcdf.CHUNK  # rows, and columns

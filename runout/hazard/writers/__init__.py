@@ -35,6 +35,7 @@ class Products:
     observed: Observations | None
     built: StructureProducts
     results: Path
+    snapshots: tuple[float, ...] = ()  # times [s] that the first valid member keeps
 
 
 def write_all(products: Products) -> dict[str, list[Path]]:

@@ -9,10 +9,10 @@ from runout.hazard.writers import Products
 from runout.io import netcdf
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
-from runout.io.member_maps import MemberMaps
+from runout.io.member_maps import SNAPSHOTS
 from runout.quantities import QUANTITIES
 
-FOLDER, GROUP, MAP = Path("maps") / "snapshots", "snapshots", "flow_thickness"
+FOLDER, MAP = Path("maps") / "snapshots", "flow_thickness"
 
 
 class Snapshot(NamedTuple):
@@ -36,13 +36,11 @@ class Snapshot(NamedTuple):
 
 def snapshots(products: Products) -> Iterator[Snapshot]:
     """Snapshots in the order of time; none where the members keep none."""
-    member, file = next(iter(products.ensemble.files.items()))
-    with MemberMaps(file) as maps:
-        if GROUP not in maps.file.groups:
-            return
-        times = [float(time) for time in maps.file.groups[GROUP]["time"][:]]
-    width = len(str(len(times)))
-    last = times[-1] + (times[-1] - times[-2] if len(times) > 1 else 1.0) if times else 0.0
+    times = products.snapshots
+    if not times:
+        return
+    member, width = next(iter(products.ensemble.files)), len(str(len(times)))
+    last = times[-1] + (times[-1] - times[-2] if len(times) > 1 else 1.0)
     for number, (start, end) in enumerate(zip(times, [*times[1:], last], strict=True)):
         yield Snapshot(member, start, end, FOLDER / f"{MAP}_{number:0{width}d}_at_{start:.6g}s")
 
@@ -52,7 +50,7 @@ def write(products: Products) -> list[Path]:
     paths, style, dataset = [], "", None
     for one in snapshots(products):
         if dataset is None:
-            dataset = netcdf.read(products.ensemble.files[one.member], GROUP)
+            dataset = netcdf.read(products.ensemble.files[one.member], SNAPSHOTS)
             style = classes_of(products.hazard, QUANTITIES["thickness"].peak).qml()
         target = products.results / one.path
         paths.append(write_cog(dataset, MAP, target.with_name(f"{target.name}.tif"), time=one.start))

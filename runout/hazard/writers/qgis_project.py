@@ -16,10 +16,10 @@ from runout import __version__
 from runout.hazard.archives import filled, write_archive
 from runout.hazard.maps import GROUPS, headline, map_layers
 from runout.hazard.writers import Products
-from runout.hazard.writers.member_snapshots import GROUP as SNAPSHOTS
 from runout.hazard.writers.member_snapshots import snapshots
 from runout.hazard.writers.outlines import ARRIVAL_LAYER, ARRIVAL_START, arrival_edges, moment
 from runout.io.grid import horizontal_crs
+from runout.io.member_maps import SNAPSHOTS
 
 if TYPE_CHECKING:
     import xarray as xr
