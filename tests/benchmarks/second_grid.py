@@ -1,9 +1,9 @@
-"""How often the numerical error of the cells holds against half the cells: ``python tests/benchmarks/second_grid.py RESULTS FINER``.
+"""How often the numerical error of the cells holds against half the cells.
 
-RESULTS is a folder of ``runout verify SITE --second-grid``, FINER one of ``runout run SITE --set simulation.cell_size=H/2 --out FINER``
-with half the cells. Prints the share of the cells in which the difference of the two stays within the bar, among those that either
-reaches, and the median bar over the median difference. The table of docs/guide/maps.md has cells of 20 m for jacksboro and
-frank_slide, and of 5 m for cascades_2021, with eight members.
+``python tests/benchmarks/second_grid.py RESULTS FINER``: RESULTS is a folder of ``runout verify SITE --second-grid``, FINER one of
+``runout run SITE --set simulation.cell_size=H/2 --out FINER`` with half the cells. Prints the share of the cells in which the
+difference of the two stays within the bar, among those that either reaches, and the median bar over the median difference. The figures
+of docs/guide/maps.md have cells of 20 m for jacksboro and frank_slide, and of 5 m for cascades_2021, with eight members.
 """
 
 import sys
@@ -28,9 +28,10 @@ def main(results: Path, finer: Path) -> None:
         share, ratio = held(a[names[0]], b[names[0]], a[names[1]], 0.05)
         print(f"mean thickness: holds in {100 * share:.0f} % of the cells, median bar {ratio:.1f} times the median difference")
         for limit in a["thickness_threshold"].values:
-            p, q, error = (of.sel(thickness_threshold=limit) for of in (
-                a["thickness_exceedance_probability"], b["thickness_exceedance_probability"], a["thickness_exceedance_numerical_error"]
-            ))  # fmt: skip
+            name = "thickness_exceedance_probability"
+            p, q, error = (
+                of.sel(thickness_threshold=limit) for of in (a[name], b[name], a[name.replace("probability", "numerical_error")])
+            )
             print(f"probability of {limit:g} m: holds in {100 * held(p, q, error, 0.0)[0]:.0f} % of the cells")
 
 
