@@ -29,9 +29,8 @@ def main(results: Path, finer: Path) -> None:
         print(f"mean thickness: holds in {100 * share:.0f} % of the cells, median bar {ratio:.1f} times the median difference")
         for limit in a["thickness_threshold"].values:
             name = "thickness_exceedance_probability"
-            p, q, error = (
-                of.sel(thickness_threshold=limit) for of in (a[name], b[name], a[name.replace("probability", "numerical_error")])
-            )
+            maps = a[name], b[name], a[name.replace("probability", "numerical_error")]
+            p, q, error = (values.sel(thickness_threshold=limit) for values in maps)
             print(f"probability of {limit:g} m: holds in {100 * held(p, q, error, 0.0)[0]:.0f} % of the cells")
 
 
