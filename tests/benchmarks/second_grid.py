@@ -2,8 +2,8 @@
 
 ``python tests/benchmarks/second_grid.py RESULTS FINER``: RESULTS is a folder of ``runout verify SITE --second-grid``, FINER one of
 ``runout run SITE --set simulation.cell_size=H/2 --out FINER`` with half the cells. Prints the share of the cells in which the
-difference of the two stays within the bar, among those that either reaches, and the median bar over the median difference. The figures
-of docs/guide/maps.md have cells of 20 m for jacksboro and frank_slide, and of 5 m for cascades_2021, with eight members.
+difference of the two stays within the bar, among those that either reaches, and the median bar over the median difference. The
+figures of docs/guide/maps.md have cells of 20 m for jacksboro and frank_slide, and of 5 m for cascades_2021, with eight members.
 """
 
 import sys
