@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
 
-RATIO = 1.5  # cells of the second grid over those of the first; its members cost a fifth
+RATIO = 1.5  # cells of the second grid over those of the first; its members have a fifth of the particle-steps
 DECIDING = "deciding_error"
 SOURCES = (("parameters", "#0072b2"), ("grid", "#e69f00"), ("number of members", "#cc79a7"))  # and colours, from 1 on
 
@@ -33,7 +33,7 @@ def on_second_grid(site: "Site", members: int) -> "Site":
     """A site with its first members on the cells of the second grid."""
     from runout.config.overrides import with_cell_size
 
-    size = spacing_of(site.member_arguments()["cell_size"])
+    size = spacing_of(site.resolved()["simulation"]["cell_size"])
     update = {"members": members, "tolerance": None} if getattr(site.settings.ensemble, "tolerance", None) is not None else {}
     return site.with_settings(
         simulation=with_cell_size(site.settings.simulation, tuple(RATIO * one for one in size)),

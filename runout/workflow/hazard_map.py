@@ -143,11 +143,9 @@ def run_second_grid(site_path: Path, out: Path | None = None, device: str | None
     """
     study = Study.open(site_path, out, device=device)
     run_study(study, ("terrain", "release", "ensemble"))
-    study = Study.open(site_path, out, device=device)
     cells = study.second.site.resolved()["simulation"]["cell_size"]
     LOGGER.info("second grid: %d members on cells of %s m", len(study.standings), cells)
     run_study(study.second, ("ensemble",))
-    study = Study.open(site_path, out, device=device)
     failed = {number: why for number, why in study.second.failed.items() if number not in study.failed}
     if failed:
         number, why = next(iter(failed.items()))

@@ -1,11 +1,10 @@
 """Writes the plugin of QGIS as one zip, from the files of :mod:`runout.qgis_plugin`."""
 
-import zipfile
 from importlib.resources import files
 from pathlib import Path
 
 from runout import __version__
-from runout.io.atomic import whole_file
+from runout.hazard.archives import write_archive
 
 FOLDER = "runout_qgis"  # of the plugin in QGIS; ``runout`` would hide the package
 NAMES = ("__init__.py", "algorithms.py", "command.py", "layers.py", "provider.py", "metadata.txt", "icon.svg")
@@ -27,10 +26,6 @@ def write_plugin(path: Path | None = None) -> Path:
     """
     target = path or Path(f"{FOLDER}_{__version__}.zip")
     source = files("runout.qgis_plugin")
-    with whole_file(target) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in NAMES:
-            text = source.joinpath(name).read_text(encoding="utf-8")
-            if name == "metadata.txt":
-                text = text.replace(VERSION, f"version={__version__}\n")
-            archive.writestr(zipfile.ZipInfo(f"{FOLDER}/{name}"), text, zipfile.ZIP_DEFLATED)
-    return target
+    contents = {name: source.joinpath(name).read_text(encoding="utf-8") for name in NAMES}
+    contents["metadata.txt"] = contents["metadata.txt"].replace(VERSION, f"version={__version__}\n")
+    return write_archive(target, {f"{FOLDER}/{name}": text.encode() for name, text in contents.items()})

@@ -153,7 +153,7 @@ class Study:
 
     def refresh(self) -> None:
         """Read the state of the members again."""
-        for name in ("standings", "possible", "growth", "members", "written"):
+        for name in ("standings", "possible", "growth", "members", "written", "second"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -209,12 +209,10 @@ class Study:
         return replace(study, workers=self.workers, threads=self.threads, retry_failed=self.retry_failed)
 
     def _on_second_grid(self) -> list[str]:
-        """Checksums of the members on the second grid, which the maps depend on; none unless all of them are done."""
+        """Checksums of the members that are done on the second grid; the maps depend on them."""
         if self.part is not None or not (self.results / SECOND_GRID / "members").is_dir():
             return []
-        files = self.second.member_files("done")
-        valid = len(self.member_files("done"))
-        return [self.second.written.checksum(file) for file in files] if len(files) >= valid else []
+        return [self.second.written.checksum(file) for file in self.second.member_files("done")]
 
     @property
     def ensemble_report(self) -> "EnsembleReport":

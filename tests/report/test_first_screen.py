@@ -31,9 +31,9 @@ def settings(site):
 
 
 def test_volume_friction_and_its_origin_are_stated_as_assumptions(study, settings):
-    said = first_screen.assumed(study, settings)
+    sentence = first_screen.assumed(study, settings)
     volume = float(study.hazard["release_thickness"].sum()) * 400
-    assert said == (
+    assert sentence == (
         f"Assumed: {tables.volume(volume)} released, times 0.5 to 1 in the members; basal friction angle 12 to 22°, a range "
         "stated in site.yaml, not calibrated; no annual rates."
     )
@@ -59,25 +59,25 @@ def test_sampled_parameters_of_a_law_of_friction_are_stated_as_a_range(study, se
     members = study.members.rename(columns={"basal_friction_angle_deg": name}).assign(
         **{name: np.linspace(0.05, 0.4, len(study.members))}
     )
-    said = first_screen.assumed(replace(study, members=members), settings | {"basal_friction": {"law": "voellmy"}})
-    assert "0.05 to 0.4, a range stated in site.yaml, not calibrated" in said
-    assert "in every member" not in said
+    sentence = first_screen.assumed(replace(study, members=members), settings | {"basal_friction": {"law": "voellmy"}})
+    assert "0.05 to 0.4, a range stated in site.yaml, not calibrated" in sentence
+    assert "in every member" not in sentence
 
 
 def test_friction_that_no_member_changes_is_stated_with_its_value(study, settings):
     fixed = replace(study, members=study.members.drop(columns=["basal_friction_angle_deg", "release_volume_factor"]))
-    said = first_screen.assumed(fixed, settings | {"basal_friction_angle_deg": 18.0})
-    assert "released in every member; basal friction angle 18° in every member, stated in site.yaml and not calibrated" in said
-    said = first_screen.assumed(fixed, settings | {"basal_friction": {"law": "voellmy"}})
-    assert "basal friction by voellmy" in said
+    sentence = first_screen.assumed(fixed, settings | {"basal_friction_angle_deg": 18.0})
+    assert "released in every member; basal friction angle 18° in every member, stated in site.yaml and not calibrated" in sentence
+    sentence = first_screen.assumed(fixed, settings | {"basal_friction": {"law": "voellmy"}})
+    assert "basal friction by voellmy" in sentence
 
 
 def test_areas_and_run_out_of_the_first_screen_are_those_of_one_threshold(study, text):
     assert study.threshold == 0.1
     reached = study.hazard["thickness_exceedance_probability"].sel(thickness_threshold=0.1).values
     half, ever = (area(float((reached >= least).sum()) * 0.02**2) for least in (0.5, 1e-9))
-    said = first_screen.outcome(study)
-    assert said.startswith(
+    sentence = first_screen.outcome(study)
+    assert sentence.startswith(
         f"A flow of 0.1\u202fm or more reaches {half} in at least half of the members (by weight) and {ever} in any, "
     )
     cards = {label: (value, remark) for label, value, remark in tables.key_figures(study)}
@@ -101,22 +101,22 @@ def test_the_run_out_is_that_to_the_farthest_cell_of_the_threshold(results, tmp_
 
 def test_points_that_the_flow_reaches_are_named_with_their_share(study):
     probes = xr.Dataset({"arrival_probability": ("station", [0.25, 1.0])}, {"station_name": ("station", ["road", "farm"])})
-    said = first_screen.outcome(replace(study, probes={"points": probes}))
-    assert said.endswith("; it arrives at farm in 100\u202f% of the members; it arrives at road in 25\u202f% of the members.")
+    sentence = first_screen.outcome(replace(study, probes={"points": probes}))
+    assert sentence.endswith("; it arrives at farm in 100\u202f% of the members; it arrives at road in 25\u202f% of the members.")
 
 
 def test_limits_are_short_true_and_depend_on_the_study(study, settings):
-    said = first_screen.unsupported(study, settings)
-    assert 4 <= len(said) <= 5
-    assert any("none of 7 simulations reaches the place" in one for one in said)
-    assert any("cells of 4\u202fm" in one for one in said)
-    assert not any("reference system" in one for one in said)
-    assert not any("thinner than" in one for one in said)
+    sentence = first_screen.unsupported(study, settings)
+    assert 4 <= len(sentence) <= 5
+    assert any("none of 7 simulations reaches the place" in one for one in sentence)
+    assert any("cells of 4\u202fm" in one for one in sentence)
+    assert not any("reference system" in one for one in sentence)
+    assert not any("thinner than" in one for one in sentence)
     local = replace(study, hazard=study.hazard.drop_vars("crs"))
     local.run["resolution"] = study.run["resolution"] | {"least_thickness": 0.8, "smallest_feature": 12.0}
-    said = first_screen.unsupported(local, settings)
-    assert any("local, without a reference system" in one for one in said)
-    assert any("no flow thinner than 0.8\u202fm: 0.1\u202fm or more means 0.8\u202fm or more" in one for one in said)
+    sentence = first_screen.unsupported(local, settings)
+    assert any("local, without a reference system" in one for one in sentence)
+    assert any("no flow thinner than 0.8\u202fm: 0.1\u202fm or more means 0.8\u202fm or more" in one for one in sentence)
     one_volume = replace(study, members=study.members.drop(columns="release_volume_factor"))
     assert any("one volume on one outline" in one for one in first_screen.unsupported(one_volume, settings))
     rates = replace(study, hazard=study.hazard.assign_attrs(scenarios="rare: 0.01 events a year"))

@@ -253,8 +253,8 @@ def _labels(products: Products, title: str) -> list[tuple[str, str, Box, int, bo
 
 def _times(products: Products) -> dict[str, Any]:
     """End and step [s] of the time of the project."""
-    edges, kept = arrival_edges(products.hazard), [one.end for one in snapshots(products)]
-    if not edges and not kept:
+    edges, ends = arrival_edges(products.hazard), [one.end for one in snapshots(products)]
+    if not edges and not ends:
         return {"end": "", "step": 0}
-    step = edges[1] - edges[0] if edges else kept[-1] / len(kept)
-    return {"end": moment(max(edges[-1:] + kept)).isoformat() + "Z", "step": step}
+    step = edges[1] - edges[0] if edges else ends[-1] / len(ends)
+    return {"end": moment(max(edges[-1:] + ends)).isoformat() + "Z", "step": step}
