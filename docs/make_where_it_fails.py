@@ -14,13 +14,12 @@ from runout import read_site
 from runout.report.maps import draw_map, png
 from runout.slopes.choices import MassWasting, Strength
 from runout.slopes.drainage import drainage
-from runout.slopes.infinite_slope import stability
+from runout.slopes.infinite_slope import resolved, stability
 from runout.slopes.mass_wasting import mass_wasting
-from runout.slopes.page import SHEETS, basemap
 from runout.slopes.patches import suggest
 from runout.slopes.path_features import features, flow_path
 from runout.slopes.screening import LEAST, picture
-from runout.slopes.soil import resolved
+from runout.slopes.suggestion import SHEETS, basemap
 
 HERE = Path(__file__).parent
 SITE = HERE.parent / "sites" / "cascades_2021"

@@ -42,7 +42,7 @@ _HOME = {
     "StructureSource": "runout.structures.source",
     "Particles": "runout.model.particles",
     "Probes": "runout.model.probes",
-    "ProbeSeries": "runout.model.probe_series",
+    "ProbeSeries": "runout.model.probes",
     "Scene": "runout.model.scene",
     "simulate": "runout.simulation.single",
     "Result": "runout.simulation.result",

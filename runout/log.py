@@ -21,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from runout.io.atomic import storage_error
-from runout.io.regular import open_regular
+from runout.io.boundary import open_regular
 
 LOGGER = logging.getLogger("runout")
 WARNINGS = logging.getLogger("py.warnings")  # loggers of libraries: always in the log file, on the terminal with -v

@@ -5,8 +5,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
-from runout.studies.verification_cases.finding import SLACK, Bound, Convergence, Finding, measured_text, number_text, required_text
-from runout.studies.verification_cases.record import recorded
+from runout.studies.verification_cases.finding import (
+    SLACK,
+    Bound,
+    Convergence,
+    Finding,
+    measured_text,
+    number_text,
+    recorded,
+    required_text,
+)
 
 WORST, BEST = "**no**", "yes"
 COLUMNS = 2  # of the figure

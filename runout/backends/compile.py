@@ -25,8 +25,8 @@ from typing import Any, TypeVar
 from runout.io.atomic import whole_file
 from runout.model.erosion_laws import ErosionLaw
 from runout.model.friction_laws import FrictionLaw
-from runout.model.law_source import functions_of_law
 from runout.model.laws import Law
+from runout.model.registered_law import functions_of_law
 from runout.physics import (
     bed,
     blocks,

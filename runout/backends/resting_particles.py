@@ -25,8 +25,7 @@ from runout.model.scene import Scene
 from runout.model.surface import Surface
 from runout.release import stagger
 from runout.release.columns import Columns
-from runout.release.known import onto_known_ground
-from runout.release.sample import Sampling, kept_inside, particles_per_axis, prepared_outline, require_apart
+from runout.release.sample import Sampling, kept_inside, onto_known_ground, particles_per_axis, prepared_outline, require_apart
 
 Press = Callable[[Particles, np.ndarray, int], None]
 Wet = Callable[[Particles, int], None]

@@ -35,9 +35,8 @@ from runout.config.site_files import named_inputs
 from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
 from runout.errors import ConfigError, InputError, Problem
-from runout.io.boundary import exists, names_in
+from runout.io.boundary import exists, kind_of, names_in
 from runout.io.georeference import file_named_by
-from runout.io.regular import kind_of
 from runout.io.source_kinds import file_in
 from runout.model.friction_laws import DEFAULT_FRICTION
 

@@ -24,8 +24,7 @@ from runout.config.reasons import reason
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
 from runout.errors import DemError, InputError, ReleaseError
-from runout.io.boundary import exists, names_in
-from runout.io.regular import kind_of
+from runout.io.boundary import exists, kind_of, names_in
 from runout.io.source_kinds import file_in, holds_geometries, is_dataset, with_file
 from runout.model.limits import checked
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from runout.config.distributions import Distribution, Settings, Uniform, plausible_degrees, quantity, refuse, shape, within_range
-from runout.model.soil_limits import MOST_SAMPLES, RANGES
+from runout.model.limits import MOST_SAMPLES, SOIL_RANGES
 
 DEGREES = "_deg"
 DENSITY, SAMPLES, SEED = 2000.0, 256, 0
@@ -13,13 +13,13 @@ PROBABILITY, DRAINAGE, AREA, MOST = 0.5, 1e5, 500.0, 20
 
 
 def _bounds(name: str) -> Any:
-    bounds: Any = RANGES[name].bounds()
+    bounds: Any = SOIL_RANGES[name].bounds()
     return Field(**bounds)
 
 
 def _soil(name: str) -> Any:
     """Type of a number, or of a distribution, in the range of a soil parameter."""
-    valid = RANGES[name]
+    valid = SOIL_RANGES[name]
     number: Any = Annotated[float, _bounds(name), Tag("<number>")]
     if valid.degrees:
         number = Annotated[float, _bounds(name), AfterValidator(plausible_degrees), Tag("<number>")]

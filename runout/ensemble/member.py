@@ -229,8 +229,8 @@ def simulate_together(
 def _write(site: "Site", member: Member, result: "Result", results: Path) -> None:
     """The file of a member, whole or not at all."""
     from runout.ensemble.work_log import log_work
+    from runout.io.member_maps import seal
     from runout.io.netcdf import writing
-    from runout.io.seal import seal
 
     attributes = {
         "member_key": member.key,

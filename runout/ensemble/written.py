@@ -72,7 +72,7 @@ class Written:
             return Found(None if fault else noted, fault, noted=True)
         if not path.is_file():
             return Found()
-        from runout.io.seal import broken_seal
+        from runout.io.member_maps import broken_seal
 
         key = stored_key(path)
         fault = "is not the file of a member" if key is None else broken_seal(path)

@@ -106,11 +106,11 @@ def stiffness(
 
 
 def slowed_by_drag(releases: Sequence[Release], grounds: Sequence[GroundFriction], speeds: np.ndarray) -> np.ndarray:
-    """Largest ``speeds`` (members,) [m/s] by the energy line, less what drag takes (:mod:`runout.terrain.drag_speed`).
+    """Largest ``speeds`` (members,) [m/s] by the energy line, less what drag takes (:mod:`runout.terrain.energy_line`).
 
     Laws without drag leave them as they are.
     """
-    from runout.terrain.drag_speed import speeds_with_drag
+    from runout.terrain.energy_line import speeds_with_drag
 
     return speeds_with_drag(releases, grounds, speeds) if grounds[0].law.drags and speeds.any() else speeds
 

@@ -25,9 +25,9 @@ from runout.hazard.readme import write_readme
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import write_structures
 from runout.io import netcdf, source_code
-from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
 from runout.io.member_maps import SNAPSHOTS, MemberMaps
+from runout.io.netcdf import study_attributes
 from runout.io.provenance import file_record, provenance
 from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of

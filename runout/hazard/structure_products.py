@@ -10,7 +10,7 @@ import numpy as np
 from runout.config.site_files import may_hold_bodies
 from runout.hazard.facades import FacadeRecords, facade_dataset, overtopping, write_facades
 from runout.hazard.members import Ensemble
-from runout.io.acdd import study_attributes
+from runout.io.netcdf import study_attributes
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:

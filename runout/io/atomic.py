@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import DiskFullError, StorageError
+from runout.io.boundary import NOT_REGULAR, read_regular
 from runout.io.part import part_folder
-from runout.io.regular import NOT_REGULAR, read_regular
 
 PROBE = 2**20  # bytes that are written to test whether a disk is full
 

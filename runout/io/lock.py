@@ -8,8 +8,8 @@ from pathlib import Path
 
 from runout.errors import StorageError
 from runout.io.atomic import storage_error
+from runout.io.boundary import open_regular
 from runout.io.part import fcntl, lock_folder
-from runout.io.regular import open_regular
 
 BUSY = (errno.EACCES, errno.EAGAIN)  # error numbers of a lock that another process holds
 

@@ -5,9 +5,8 @@ import tempfile
 from pathlib import Path
 
 from runout.errors import ConfigError
-from runout.io.boundary import exists
-from runout.io.regular import irregular, kind_of
-from runout.processes.owner import fault_of_owner
+from runout.io.boundary import exists, irregular, kind_of
+from runout.processes.caches import fault_of_owner
 
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"

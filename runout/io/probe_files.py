@@ -8,8 +8,7 @@ import numpy as np
 
 from runout.io.atomic import whole_file
 from runout.io.grid import crs_as_variable, grid_mapping
-from runout.model.probe_series import ProbeSeries
-from runout.model.probes import Probes, ground_at
+from runout.model.probes import Probes, ProbeSeries, ground_at
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 

@@ -8,9 +8,8 @@ from types import FunctionType
 from typing import Any, ClassVar
 
 from runout.errors import ConfigError, MaterialError
-from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.parameters import numpydoc, parameters_of
-from runout.model.registered_law import RegisteredLaw, law_followed, require_declared
+from runout.model.registered_law import RegisteredLaw, functions_of_law, law_followed, require_declared, require_shared_subset
 from runout.model.registry import Registry, classes_in
 
 PACKAGE = "runout.erosion"
@@ -79,7 +78,7 @@ def register_erosion(erosion: type[Erosion], rate: Callable[..., Any]) -> None:
         the shear stress at its base [Pa] (the driving stress, or with ``erosion.of_friction`` that of the law of friction),
         ``pore_ratio`` its pore pressure over sigma [1], ``eroded`` the depth eroded so far, normal to the ground [m], ``bed`` the
         record of the parameters in SI units and radians, and of ``density`` [kg/m3] and ``pore_ratio`` [1] of the bed. Plain scalar
-        Python of the shared subset (:mod:`runout.model.law_source`).
+        Python of the shared subset (:mod:`runout.model.registered_law`).
 
     Raises
     ------

@@ -9,9 +9,15 @@ from typing import Any
 
 from runout.errors import ConfigError, MaterialError
 from runout.model.basal_friction import BasalFriction, MassAbove
-from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.parameters import numpydoc
-from runout.model.registered_law import RegisteredLaw, calling, law_followed, require_declared
+from runout.model.registered_law import (
+    RegisteredLaw,
+    calling,
+    functions_of_law,
+    law_followed,
+    require_declared,
+    require_shared_subset,
+)
 from runout.model.registry import Registry, classes_in
 from runout.physics import bed, contact
 
@@ -144,7 +150,7 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
         [kg/m], force over the square of the speed that is left. ``normal`` is the normal impulse [N s] of a contact in a step of
         ``dt`` [s], ``slip`` the speed [m/s] along the ground with the impulse of the step before, ``area`` the ground area of the
         contact [m2] (0 unless ``friction.uses_area``), ``basal`` the record of ``friction.acting(...)``. Plain scalar Python of the
-        shared subset (:mod:`runout.model.law_source`).
+        shared subset (:mod:`runout.model.registered_law`).
 
     Raises
     ------

@@ -18,10 +18,9 @@ import numpy as np
 from runout.errors import ConfigError, InputError, MaterialError
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FrictionLaw
-from runout.model.law_source import functions_of_law
 from runout.model.laws import Law, law_of
 from runout.model.materials import Material
-from runout.model.registered_law import RegisteredLaw, calling
+from runout.model.registered_law import RegisteredLaw, calling, functions_of_law
 from runout.physics import contact, plastic, several_laws
 
 NUMBER = "law_number"  # of a record: that of its law among those of the mixture

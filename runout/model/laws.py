@@ -9,10 +9,16 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import MaterialError
-from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.materials import Material
 from runout.model.parameters import numpydoc
-from runout.model.registered_law import RegisteredLaw, calling, law_followed, require_declared
+from runout.model.registered_law import (
+    RegisteredLaw,
+    calling,
+    functions_of_law,
+    law_followed,
+    require_declared,
+    require_shared_subset,
+)
 from runout.model.registry import Registry, classes_in
 from runout.physics import elastic, plastic
 
@@ -119,7 +125,7 @@ def register_law(material: type[Material], update: Callable[..., Any] | None = N
     update : function, optional
         ``update(h, history, mat) -> (h, history, lost)``: Hencky strain [1] of the stress that is left of a trial strain ``h``, the
         history variable, and the energy [J/m3] dissipated per stress-free volume. ``mat`` holds the numbers of
-        ``material.record()``. Plain scalar Python of the shared subset (:mod:`runout.model.law_source`), compiled for every
+        ``material.record()``. Plain scalar Python of the shared subset (:mod:`runout.model.registered_law`), compiled for every
         backend. None for a material that never yields.
 
     Raises

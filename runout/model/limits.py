@@ -197,3 +197,14 @@ def spacing_of(cell_size: float | tuple[float, float, float]) -> tuple[float, fl
         raise ConfigError(f"cell_size is {cell_size!r}; give one number in m or (dx, dy, dz)") from None
     x, y, z = (checked("cell_size", float(size), error=ConfigError) for size in sizes)
     return x, y, z
+
+
+MOST_SAMPLES = 4096  # of the soil of slopes that may fail
+SOIL_RANGES = {
+    "cohesion": Range(0, 1e6, "Pa"),
+    "friction_angle": Range(1, 60, "deg", degrees=True),
+    "soil_thickness": Range(0.01, 100, "m", "thickness is vertical, in metres"),
+    "saturation": Range(0, 1, "", "1 is water up to the surface"),
+    "transmissivity_recharge": Range(1, 1e6, "m", "transmissivity over recharge"),
+    "soil_density": Range(1000, 4000, "kg m-3"),
+}

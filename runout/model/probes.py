@@ -1,4 +1,4 @@
-"""Probes of a run: points and cross-sections at which time series of the flow are recorded."""
+"""Probes of a run: points and cross-sections at which time series of the flow are recorded, and these series."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -296,3 +296,36 @@ def downhill_on_the_left(line: CrossSection, terrain: Terrain) -> Vertices:
         if abs(slope) > LEVEL:
             return line.vertices[::-1] if slope > 0.0 else line.vertices
     return line.vertices
+
+
+@dataclass(frozen=True)
+class ProbeSeries:
+    """Time series at the probes of one run.
+
+    Attributes
+    ----------
+    probes : Probes
+        Points and lines in map coordinates; positive discharge crosses a line to its left, which is its lower side.
+    terrain : Terrain
+        The ground under them.
+    time : ndarray (times,)
+        [s] since the release. After the end of the run thickness and volumes stay, speeds and discharge are 0.
+    points : mapping of str to ndarray (points, times)
+        ``flow_thickness`` [m], ``speed`` [m s-1], ``pressure`` [Pa], ``momentum_flux`` [m3 s-2].
+    cross_sections : mapping of str to ndarray (cross-sections, times)
+        ``discharge`` [m3 s-1], the mean of the interval that ends then; ``passed_volume`` [m3]; ``flow_width`` [m] that the
+        flow covers with at least the arrival threshold; ``largest_thickness`` [m] along the line.
+    peaks : mapping of str to ndarray (points,)
+        Values of the maps of the run at the points: ``max_flow_thickness`` and so on, ``arrival_time`` [s] (NaN: never),
+        ``deposit_thickness``.
+    section_peaks : mapping of str to ndarray (cross-sections,)
+        ``max_discharge`` [m3 s-1] of an interval, ``max_flow_thickness`` [m] and first ``arrival_time`` [s] along the line.
+    """
+
+    probes: Probes
+    terrain: Terrain
+    time: np.ndarray
+    points: Mapping[str, np.ndarray]
+    cross_sections: Mapping[str, np.ndarray]
+    peaks: Mapping[str, np.ndarray]
+    section_peaks: Mapping[str, np.ndarray]

@@ -17,8 +17,7 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding
 from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
-from runout.model.probe_series import ProbeSeries
-from runout.model.probes import CrossSection, Probe, Probes, cell_of
+from runout.model.probes import CrossSection, Probe, Probes, ProbeSeries, cell_of
 from runout.model.scene import Scene
 from runout.model.shared_subset import for_arrays
 from runout.model.terrain import Terrain

@@ -11,7 +11,7 @@ import numpy as np
 from runout.model.depth_resolution import DepthResolution
 from runout.model.facts import as_html, as_text, short
 from runout.model.particles import Particles
-from runout.model.probe_series import ProbeSeries
+from runout.model.probes import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED

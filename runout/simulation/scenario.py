@@ -61,7 +61,7 @@ def build_scene(
     from runout.release.arrangement import default_particles
     from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare
-    from runout.terrain.crest_window import Mass
+    from runout.terrain.crests import Mass
 
     there, releases = _masses(release, inflow)
     basal = _checked_friction(material, basal_friction, basal_friction_angle, friction_zones, structures)

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import ConfigError
-from runout.model.limits import Range, checked_within, looks_like_radians, radians_remedy
-from runout.model.soil_limits import MOST_SAMPLES, RANGES
+from runout.model.limits import MOST_SAMPLES, SOIL_RANGES, Range, checked_within, looks_like_radians, radians_remedy
 
 _IN_DEGREES = ("azimuth", "tilt")
 _PARTS = {
@@ -67,7 +66,7 @@ class Strength:
             if getattr(self, name) is not None:
                 _check_range(name, getattr(self, name))
         if self.soil_density is not None:
-            checked_within(RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
+            checked_within(SOIL_RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
         count = self.samples
         if count is not None and (not 1 <= count <= MOST_SAMPLES or count & (count - 1)):
             raise ConfigError(f"--samples is {count}; it must be a power of two up to {MOST_SAMPLES}, such as 256")
@@ -78,7 +77,7 @@ class Strength:
 
 
 def _check_range(name: str, stated: tuple[float, float]) -> None:
-    option, valid = "--" + name.replace("_", "-"), RANGES[name]
+    option, valid = "--" + name.replace("_", "-"), SOIL_RANGES[name]
     for value in stated:
         if valid.degrees and looks_like_radians(value):
             raise ConfigError(f"{option} is {value:g} degrees; {radians_remedy(value)}")

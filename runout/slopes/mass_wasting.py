@@ -12,7 +12,7 @@ import numpy as np
 from runout.errors import ConfigError, InputError, StabilityError
 from runout.scores.grid import Grid, resampled
 from runout.slopes.choices import MassWasting
-from runout.slopes.grid import ELEVATION, landlab_components, nodes, on_map, raster_grid
+from runout.slopes.drainage import ELEVATION, landlab_components, nodes, on_map, raster_grid
 from runout.terrain.prepare import reachable
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from runout.io.vector import outline, write_layers
 from runout.report.maps import DPI, png
 from runout.slopes.choices import MassWasting
 from runout.slopes.choices import record as record_of
-from runout.slopes.drainage import Drainage, drainage
-from runout.slopes.grid import landlab_components
+from runout.slopes.drainage import Drainage, drainage, landlab_components
 from runout.slopes.mass_wasting import Baseline, mass_wasting
 from runout.slopes.path_features import Feature, FlowPath, Standing, features, flow_path
 from runout.slopes.place import is_raster

@@ -22,7 +22,6 @@ from runout.studies.verification_cases import (
     granular_slope,
     ground_contact,
     hydrograph_inflow,
-    kernel,
     manufactured,
     mud_slope,
     rigid,
@@ -35,8 +34,7 @@ from runout.studies.verification_cases import (
     wet_layers,
     zone_crossing,
 )
-from runout.studies.verification_cases.finding import Case, Finding, as_lines
-from runout.studies.verification_cases.record import as_json, kept
+from runout.studies.verification_cases.finding import Case, Finding, as_json, as_lines, kept
 from runout.studies.work_precision import commit
 
 LOGGER = logging.getLogger("runout.verification")
@@ -44,7 +42,7 @@ FILE = "verification.json"
 CASES: dict[str, Case] = {
     case.name.lower(): case
     for case in (
-        *(kernel.CASE, transfers.CONSERVATION, transfers.AFFINE, rigid.FALL, rigid.SPIN, bar.CASE),
+        *(transfers.WEIGHTS, transfers.CONSERVATION, transfers.AFFINE, rigid.FALL, rigid.SPIN, bar.CASE),
         *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
         *(curved_ground.BOWL, curved_ground.RAMP, terrain_distance.CASE, thin_layers.CASE, single_precision.CASE),

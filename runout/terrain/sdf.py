@@ -14,7 +14,7 @@ from runout.model.terrain import Terrain
 from runout.physics import heightfield, tensors
 from runout.terrain import crests, relief
 from runout.terrain.content_store import ContentStore, content_key
-from runout.terrain.crest_window import Box, Mass, most_cells, needs_table, window
+from runout.terrain.crests import Box, Mass, crest_window, most_cells, needs_table
 from runout.terrain.fill import continued
 from runout.terrain.prepare import require_known
 
@@ -32,14 +32,14 @@ def sliding_surface(
 
     That of :func:`raster_surface`. Dams, gullies and cliffs that stand out of the roughness around them have the elevations of the
     raster where the ``mass`` may come; without a mass, everywhere (:mod:`runout.terrain.crests`). Elsewhere, and on rasters beyond
-    :data:`runout.terrain.crest_window.LARGEST` cells far from the mass, they are filtered as the rest; the surface has no step
-    there. On nodes so close together that :func:`runout.terrain.crest_window.needs_table` is false, the crests are those of the
+    :data:`runout.terrain.crests.LARGEST` cells far from the mass, they are filtered as the rest; the surface has no step
+    there. On nodes so close together that :func:`runout.terrain.crests.needs_table` is false, the crests are those of the
     raster's lattice, true to 3 %. Contact, releases and maps of the ground take the same surface; the last few are kept by their
     content (:mod:`runout.terrain.content_store`). Other parameters and errors are those of :func:`raster_surface`.
     """
     raster = _raster(terrain, thickness_excavated, spacing)
     box, top = _extent(terrain, thickness_excavated, mass, raster.count)
-    box = window(raster.means, raster.sizes, box, top, mass.angle if mass else 0.0, most_cells(raster.sizes, raster.grid))
+    box = crest_window(raster.means, raster.sizes, box, top, mass.angle if mass else 0.0, most_cells(raster.sizes, raster.grid))
     made_of = [raster.elevation] if raster.count == (1, 1) else [raster.means.T, raster.filtered.T]
     key = content_key(*made_of, np.array([*raster.sizes, *raster.grid]), np.array([raster.count, *box]))
     return GROUNDS.get(key, lambda: _with_crests(raster, box))

@@ -12,8 +12,7 @@ from runout.forecast.stiffness import Stiffness, slowed_by_drag
 from runout.model.column_resistance import ground_below
 from runout.model.parameters import AUTO
 from runout.model.scene import STANDARD_GRAVITY
-from runout.terrain.drag_speed import speeds_with_drag
-from runout.terrain.energy_line import largest_speed
+from runout.terrain.energy_line import largest_speed, speeds_with_drag
 from runout.workflow.check_physics import Bases, Sample, bases_of, materials_of, samples_of
 
 if TYPE_CHECKING:

@@ -16,9 +16,8 @@ from runout.model.numerics import Scheme
 from runout.model.scene import Raster, Scene
 from runout.release.inlet import mass_at
 from runout.simulation.observers import AtRest
-from runout.terrain.drag_speed import GATHERED
-from runout.terrain.pressed_points import forecast_depth, lateral_pressure
-from runout.terrain.sliding_points import Slide, slide
+from runout.terrain.energy_line import GATHERED
+from runout.terrain.sliding_points import Slide, forecast_depth, lateral_pressure, slide
 from runout.workflow.check_physics import samples_of
 from runout.workflow.check_stiffness import VOLUME, member_stiffness
 

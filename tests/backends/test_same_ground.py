@@ -7,7 +7,7 @@ from scenes import SAND, at, loaded, scene
 from runout import Placement, Release, Terrain
 from runout.backends.resting_particles import sample_particles
 from runout.terrain import sdf
-from runout.terrain.crest_window import Mass
+from runout.terrain.crests import Mass
 
 H, CELL, NEAR = 1.5, 2.0, 0.01  # m, m, cells of the grid
 

@@ -175,7 +175,7 @@ def variant_numbers(peaks: Peaks, standard: Peaks, line: Any) -> dict[str, Any]:
 def law_numbers(out: Path, law: str, line: Any) -> dict[str, Any]:
     """Settings, numbers and outline of the standard run with a law, and the numbers of its variants."""
     from runout.studies.validation_cases.avakot import EXTENT
-    from runout.studies.validation_cases.drawing import outline_of
+    from runout.studies.validation_cases.rasters import outline_of
 
     folders = {variant: folder_of(out, law, variant) for variant in RUNS[law]}
     peaks = {variant: read_peaks(folder) for variant, folder in folders.items()}

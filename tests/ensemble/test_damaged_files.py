@@ -9,7 +9,7 @@ import xarray as xr
 from runout.ensemble.member import stored_key
 from runout.ensemble.status import Failure
 from runout.ensemble.written import Written
-from runout.io.seal import seal
+from runout.io.member_maps import seal
 from runout.simulation.checkpoint import Checkpoint, stored_time
 
 ARRAYS = {"run.time": np.array(3.0), "position": np.random.default_rng(0).random((300, 3)), "key": np.array("k" * 64)}

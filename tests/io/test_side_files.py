@@ -11,7 +11,7 @@ import rasterio.shutil
 from rasterio.transform import from_origin
 from shapely import box
 
-from runout.io.side_files import files_of
+from runout.io.input_copies import files_of
 from runout.workflow.stages import digest_files
 
 Z = np.arange(30, dtype="float32").reshape(5, 6)

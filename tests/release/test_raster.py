@@ -174,7 +174,7 @@ def test_of_a_netcdf_file_with_elevation_and_thickness_the_thickness_is_released
 
 
 def test_a_release_in_a_huge_raster_of_another_system_is_sought_on_the_terrain_alone(write_raster, terrain, monkeypatch):
-    monkeypatch.setattr("runout.release.raster.LARGEST_WHOLE", 1000)
+    monkeypatch.setattr("runout.release.read.LARGEST_WHOLE", 1000)
     wide = np.pad(mound(20, 30), 60)
     release = Release.from_raster(write_raster(wide, corner=(-240.0, -250.0)), terrain)
     assert release.volume == pytest.approx(wide.sum() * 25.0)

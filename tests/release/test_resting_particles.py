@@ -12,7 +12,7 @@ from runout.model.particle_source import slices
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import STANDARD_GRAVITY
 from runout.release import stagger
-from runout.release.known import onto_known_ground
+from runout.release.sample import onto_known_ground
 from runout.simulation.scenario import build_scene
 from runout.terrain.free_surface import free_surface
 

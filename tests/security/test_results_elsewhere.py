@@ -18,10 +18,10 @@ from runout.config.site import read_site
 from runout.ensemble.run import run_ensemble
 from runout.errors import ConfigError, ExitCode, StorageError
 from runout.io.atomic import read_json, write_json
+from runout.io.boundary import irregular, open_regular
 from runout.io.lock import exclusive, shared
 from runout.io.part import remove_stale
 from runout.io.places import fault_in_results
-from runout.io.regular import irregular, open_regular
 from runout.processes import caches
 from runout.workflow import hazard_map
 

@@ -22,7 +22,6 @@ ROOT = Path(__file__).parents[2]
 OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/io/netcdf.py",
     "runout/io/member_maps.py",
-    "runout/io/seal.py",
     "runout/io/geotiff.py",
     "runout/report/study.py",
     "runout/report/structures.py",

@@ -9,10 +9,9 @@ import pytest
 from runout import Terrain, cli
 from runout.errors import ExitCode, LibraryError
 from runout.scores.slope_normal import terrain_slope
-from runout.slopes import grid
+from runout.slopes import drainage as drainage_module
 from runout.slopes.drainage import drainage
-from runout.slopes.sinks import hidden_share, sinks
-from runout.slopes.terrain_figures import terrain_figures
+from runout.slopes.sinks import hidden_share, sinks, terrain_figures
 
 CELL = (10.0, 8.0)
 
@@ -78,7 +77,7 @@ def test_flow_paths_end_where_they_meet_and_drain_what_they_state():
 
 def test_a_terrain_of_too_many_cells_is_averaged_with_a_warning(caplog):
     with caplog.at_level(logging.WARNING):
-        coarse = grid.manageable(Terrain.from_array(plane(40, 30), CELL), largest=400)
+        coarse = drainage_module.manageable(Terrain.from_array(plane(40, 30), CELL), largest=400)
     assert coarse.shape == (20, 15)
     assert coarse.cell_size == (20.0, 16.0)
     assert "averaged over blocks of 2 x 2 cells" in caplog.text
@@ -89,7 +88,7 @@ def test_without_landlab_one_line_has_the_command_that_installs_it(monkeypatch, 
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "landlab", None)
     with pytest.raises(LibraryError, match="pip install 'runout\\[slopes\\]'"):
-        grid.landlab_components()
+        drainage_module.landlab_components()
     assert cli.main(["suggest-release", "dem.tif"]) == ExitCode.FAILURE
     told = capsys.readouterr().err
     assert told.count("\n") == 1

@@ -9,8 +9,7 @@ from runout import Terrain
 from runout.errors import ConfigError
 from runout.slopes.choices import Strength
 from runout.slopes.drainage import Drainage
-from runout.slopes.infinite_slope import factor_of_safety, stability
-from runout.slopes.soil import resolved
+from runout.slopes.infinite_slope import factor_of_safety, resolved, stability
 
 
 def of_plane(slope_deg, strength, area=1000.0):

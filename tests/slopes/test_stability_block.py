@@ -13,8 +13,7 @@ from runout import cli
 from runout.config.site import read_site
 from runout.errors import ConfigError
 from runout.slopes.choices import PatchChoices, Strength
-from runout.slopes.infinite_slope import sampled
-from runout.slopes.soil import assumptions, resolved
+from runout.slopes.infinite_slope import assumptions, resolved, sampled
 
 BLOCK = """
 stability:

@@ -10,8 +10,8 @@ from structure_bodies import SOUTH, WEST, box
 from runout.errors import DemError, StructureError
 from runout.structures import mesh_faults
 from runout.structures.mesh_faults import Search, crossings, volume
-from runout.structures.mesh_place import on_terrain, rounding_of
 from runout.structures.read import read_bodies
+from runout.structures.readers.meshes import on_terrain, rounding_of
 from runout.structures.solid import Solid
 from runout.structures.source import StructureSource
 from runout.terrain.mesh import read_mesh_terrain

@@ -6,7 +6,7 @@ from structure_bodies import body, box
 
 from runout.model.structures import Patches
 from runout.model.terrain import Terrain
-from runout.structures import patches as made_of
+from runout.structures import build as made_of
 from runout.structures.pieces import Pieces, cut_pieces
 from runout.structures.solid import normals_and_areas
 

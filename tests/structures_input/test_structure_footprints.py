@@ -14,10 +14,10 @@ from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import walls_of
-from runout.structures.footprints import read_footprints
 from runout.structures.inspection import low_structures
 from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies, require_sound
+from runout.structures.readers.footprints import read_footprints
 from runout.structures.solid import normals_and_areas
 from runout.structures.source import StructureSource, Top
 

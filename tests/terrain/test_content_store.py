@@ -8,7 +8,7 @@ import pytest
 
 from runout import Terrain
 from runout.terrain import content_store, crests, sdf
-from runout.terrain.crest_window import Mass
+from runout.terrain.crests import Mass
 
 
 def terrain(bump=0.0):

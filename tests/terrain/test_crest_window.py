@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from runout import Terrain
-from runout.terrain import crest_window, sdf
-from runout.terrain.crest_window import Mass
+from runout.terrain import crests, sdf
+from runout.terrain.crests import Mass
 from runout.terrain.prepare import reachable
 
 
@@ -24,17 +24,17 @@ def test_window_holds_all_that_the_mass_may_reach(degrees, most):
     angle = np.radians(degrees)
     reach = reachable(terrain, thickness, angle)[::-1].T
     box, top = sdf._extent(terrain, None, Mass(thickness, angle), (1, 1))
-    found = crest_window.window(terrain.elevation[::-1].T, terrain.cell_size, box, top, angle)
+    found = crests.crest_window(terrain.elevation[::-1].T, terrain.cell_size, box, top, angle)
     for (first, last), axis in zip(found, (1, 0), strict=True):
         cells = np.flatnonzero(reach.any(axis=axis))
         assert first <= cells[0]
         assert last > cells[-1]
-    assert crest_window._cells(found) < most
+    assert crests._cells(found) < most
 
 
 def test_reach_on_level_ground_is_the_same_on_every_side():
     box = (30, 33), (40, 42)
-    found = crest_window._reached(np.zeros((80, 90)), (1.0, 1.0), box, 4.5, np.radians(45.0))
+    found = crests._reached(np.zeros((80, 90)), (1.0, 1.0), box, 4.5, np.radians(45.0))
     margins = {abs(a - b) for ends, own in zip(found, box, strict=True) for a, b in zip(ends, own, strict=True)}
     assert margins == {5}  # cells that 4.5 m above the ground reach at 45 degrees
 
@@ -45,26 +45,26 @@ def test_a_raster_of_nine_million_cells_takes_a_bounded_table(h, angle):
     ground = np.broadcast_to(-0.5 * 30.0 * np.arange(3000)[:, None], (3000, 3000))
     cell = (30.0, 30.0)
     box = (1000, 1020), (2950, 2970)
-    found = crest_window.window(ground, cell, box, -14000.0, angle, crest_window.most_cells(cell, (h, h)))
-    cells = crest_window._cells(found)
+    found = crests.crest_window(ground, cell, box, -14000.0, angle, crests.most_cells(cell, (h, h)))
+    cells = crests._cells(found)
     assert cells <= 250_000
     assert all(first <= low and high <= last for (first, last), (low, high) in zip(found, box, strict=True))
-    if crest_window.needs_table(cell, (h, h)):
+    if crests.needs_table(cell, (h, h)):
         assert 8 * cells * (30.0 / h) ** 2 <= 16e6  # bytes
     else:
         assert h < 0.25 * 30.0
 
 
 def test_a_mass_wider_than_the_bound_has_crests_in_its_middle():
-    found = crest_window.window(np.zeros((3000, 3000)), (5.0, 5.0), ((0, 3000), (0, 3000)), 10.0, 0.0, 100_000)
-    assert 90_000 < crest_window._cells(found) <= 100_000
+    found = crests.crest_window(np.zeros((3000, 3000)), (5.0, 5.0), ((0, 3000), (0, 3000)), 10.0, 0.0, 100_000)
+    assert 90_000 < crests._cells(found) <= 100_000
     assert found[0] == found[1]
     assert abs(sum(found[0]) - 3000) <= 1
 
 
 def test_outside_the_window_the_ground_is_that_of_the_raster_and_nowhere_has_it_a_step(monkeypatch):
     terrain, thickness = ridges()
-    monkeypatch.setattr(crest_window, "LARGEST", 900)
+    monkeypatch.setattr(crests, "LARGEST_WINDOW", 900)
     ground = sdf.sliding_surface(terrain, None, (5.0, 5.0), Mass(thickness, 0.0))
     assert ground.change.size < 1600
     assert ground._tiles == {}

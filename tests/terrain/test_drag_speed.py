@@ -8,7 +8,7 @@ import pytest
 from runout import Coulomb, DruckerPrager, FrictionZones, Release, Terrain, VelocityWeakening, Voellmy
 from runout.forecast.stiffness import stiffness
 from runout.model.column_resistance import ColumnResistance, Columns, ground_below
-from runout.terrain import drag_speed
+from runout.terrain import energy_line
 from runout.terrain.energy_line import largest_speed
 
 G, CELL, SLOPE, COLUMNS, DENSITY = 9.81, 10.0, 0.6, 200, 300.0
@@ -66,7 +66,7 @@ def test_a_flow_on_a_plane_may_reach_the_terminal_speed_of_a_column_as_thick_as_
     release, cosine = slab(thickness), 1.0 / math.hypot(1.0, SLOPE)
     terminal = math.sqrt(xi * thickness * cosine * cosine * (SLOPE - 0.2))
     found = speed(Voellmy(mu=0.2, xi=xi), release)
-    assert found == pytest.approx(math.sqrt(drag_speed.GATHERED) * terminal, rel=0.01)
+    assert found == pytest.approx(math.sqrt(energy_line.GATHERED) * terminal, rel=0.01)
     assert found < 0.7 * line(0.2, release)
 
 

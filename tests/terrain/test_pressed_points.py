@@ -5,8 +5,7 @@ import pytest
 from test_sliding_points import CELL, G, plane, release_on
 
 from runout import DruckerPrager
-from runout.terrain.pressed_points import _Squares, forecast_depth, lateral_pressure
-from runout.terrain.sliding_points import POINTS, Points
+from runout.terrain.sliding_points import POINTS, Points, _Squares, forecast_depth, lateral_pressure
 
 
 def depth(release, friction, pressure=1.0, end_time=15.0):

@@ -8,8 +8,7 @@ import pytest
 from docs.pages.verification import page
 from runout.cli import main
 from runout.studies import verification
-from runout.studies.verification_cases.finding import Bound, Case, Convergence, Finding, as_lines
-from runout.studies.verification_cases.record import as_json
+from runout.studies.verification_cases.finding import Bound, Case, Convergence, Finding, as_json, as_lines
 from runout.studies.work_precision import commit
 
 CASE = Case("U0", "a case", "a set-up", lambda full: [], "A remark.")

@@ -267,18 +267,18 @@ def test_many_members_are_forecast_from_few_energy_lines(tmp_path, monkeypatch):
 
 
 def test_many_members_with_drag_are_forecast_from_few_slides(tmp_path, monkeypatch):
-    from runout.terrain import drag_speed
+    from runout.terrain import energy_line
     from runout.workflow import check_stiffness
 
     text = AUTO.split("  parameters:")[0] + AUTO[AUTO.index("hazard:") :]
     text = text.replace("basal_friction_angle_deg: 20\n", "basal_friction: {law: voellmy, mu: 0.2, xi: 200}\n")
     site = runout.read_site(write_site(tmp_path / "site", text))
-    releases, slid, slide = site.releases(site.terrain()), [], drag_speed.slide
+    releases, slid, slide = site.releases(site.terrain()), [], energy_line.slide
     samples = [{"basal_xi": xi, "basal_mu": mu} for xi in (50.0, 100.0, 200.0, 400.0, 800.0) for mu in (0.1, 0.2, 0.3, 0.4)]
     exact = [member_stiffness(site, releases, None, [one])[0].flow_speed for one in samples]
-    monkeypatch.setattr(drag_speed, "slide", lambda *a, points: slid.append(a[2] * points) or slide(*a, points=points))
+    monkeypatch.setattr(energy_line, "slide", lambda *a, points: slid.append(a[2] * points) or slide(*a, points=points))
     found = member_stiffness(site, releases, None, samples)
-    few, all_points = check_stiffness.FEW_POINTS, drag_speed.POINTS
+    few, all_points = check_stiffness.FEW_POINTS, energy_line.POINTS
     assert sum(slid) == 2 * (len(samples) * few + check_stiffness.SLID * all_points)
     np.testing.assert_allclose([s.flow_speed for s in found], exact, rtol=0.06)
     assert "(energy line, less drag)" in found[0].statement()

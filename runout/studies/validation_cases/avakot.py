@@ -35,9 +35,8 @@ from runout.scores import (
 from runout.simulation.result import Result
 from runout.studies.validation_cases.avakot_energy import DENSITY, FRICTION_ANGLE, Points, measure_energy
 from runout.studies.validation_cases.case import data_folder
-from runout.studies.validation_cases.drawing import outline_of
 from runout.studies.validation_cases.iseesnow import voellmy
-from runout.studies.validation_cases.rasters import thalweg_of
+from runout.studies.validation_cases.rasters import outline_of, thalweg_of
 
 SOURCE = "github.com/OpenNHM/AvaFrame, folder avaframe/data/avaKot"
 OTHER = Path(__file__).with_name("avakot_com1dfa.json")

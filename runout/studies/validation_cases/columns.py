@@ -14,7 +14,7 @@ import numpy as np
 
 from runout.materials.drucker_prager import Cone
 from runout.studies.validation_cases.case import data_folder
-from runout.studies.validation_cases.drawing import rounded
+from runout.studies.validation_cases.rasters import rounded
 from runout.studies.verification_cases import flow
 from runout.studies.verification_cases.closed_forms import axisymmetric_runout
 from runout.studies.verification_cases.column_collapse import (

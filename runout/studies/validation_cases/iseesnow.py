@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 import runout
+from runout.materials.drucker_prager import DruckerPrager
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FRICTIONS
+from runout.model.scene import STANDARD_GRAVITY
 from runout.scores import (
     Grid,
     Thalweg,
@@ -28,10 +30,9 @@ from runout.scores import (
     values_at,
     vertical_thickness,
 )
+from runout.simulation.result import Result
 from runout.studies.validation_cases.case import data_folder
-from runout.studies.validation_cases.drawing import outline_of, rounded
-from runout.studies.validation_cases.iseesnow_rim import EARLY, rim_pressure
-from runout.studies.validation_cases.rasters import on_cells, thalweg_of
+from runout.studies.validation_cases.rasters import on_cells, outline_of, rounded, thalweg_of
 
 SOURCE = "github.com/avaframe/ISeeSnow, commit 290f4d9, folder data (maps of each tool as peers/TOOL_peak_thickness.tif and _speed)"
 MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the area
@@ -39,6 +40,8 @@ LEVELS = (0.001, 0.1, 0.5, 1.0, 1.5)  # thicknesses [m] of the table of areas
 END, STATION = 200.0, 20.0  # [s], [m]
 
 PeakMaps = tuple[np.ndarray, np.ndarray]  # peak thickness normal to the slope [m] and peak speed [m/s], (rows, columns)
+WIDTH, OUTER = 10.0, 0.1  # width of columns [m]; share of the particles that counts as the rim
+EARLY = 5.0  # [s], before the slab has left its place
 
 
 @dataclass(frozen=True)
@@ -240,3 +243,36 @@ def _line(row: Mapping[str, Any]) -> str:
         f"  {row['tool']}: front {row['front']:.0f} m, area {row['area']:.1f} ha, speed {row['speed']:.1f} m/s, "
         f"CSI {row['csi_0.1']:.3f} and {row['csi_0.5']:.3f}, L1 {row['l1']:.2f}{cost}"
     )
+
+
+def rim_pressure(result: Result, snow: DruckerPrager, axis: float, slope: np.ndarray) -> float:
+    """Mean pressure of the outer tenth of a mass over the hydrostatic one, rho g H cos(slope)^2 / 2 with the thickness H [1].
+
+    Parameters
+    ----------
+    result : Result
+        A run that has just begun.
+    snow : DruckerPrager
+        Its material; the modulus is that of the run.
+    axis : float
+        Northing [m] of the line that the mass is symmetric about.
+    slope : ndarray (rows, columns)
+        Slope of the ground [rad].
+    """
+    p, terrain = result.state, result.terrain
+    bulk = result.start["youngs_modulus"][0] / (3 - 6 * snow.poisson_ratio)
+    east, north = (result.particles[name].values for name in ("easting", "northing"))
+    volume = p.mass / snow.density
+    pressure = -bulk * p.strain[:, :3].sum(axis=1) / 2  # small elastic strain: tr B = 2 ln J
+    cosine = np.cos(values_at(Grid.of(terrain), slope, east, north))
+    hydrostatic = layer_pressure(east, north, volume, snow.density) * cosine**2
+    away = np.abs(north - axis)
+    rim = away > np.quantile(away, 1 - OUTER)
+    return float((volume * pressure)[rim].sum() / (volume * hydrostatic)[rim].sum())
+
+
+def layer_pressure(east: np.ndarray, north: np.ndarray, volume: np.ndarray, density: float) -> np.ndarray:
+    """Mean hydrostatic pressure [Pa] over the depth, on level ground, of the columns of particles (n,) of a volume [m3]."""
+    _, column = np.unique(np.floor(np.column_stack([east, north]) / WIDTH), axis=0, return_inverse=True)
+    thickness = np.bincount(column.ravel(), volume)[column.ravel()] / WIDTH**2
+    return density * STANDARD_GRAVITY * thickness / 2  # type: ignore[no-any-return]

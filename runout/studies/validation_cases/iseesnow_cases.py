@@ -14,8 +14,7 @@ from runout.model.scene import STANDARD_GRAVITY
 from runout.scores import Grid, slope_normal_thickness, values_at
 from runout.simulation.result import Result
 from runout.studies.validation_cases.case import ValidationCase
-from runout.studies.validation_cases.iseesnow import Inputs, Variant, measure, read
-from runout.studies.validation_cases.iseesnow_rim import layer_pressure
+from runout.studies.validation_cases.iseesnow import Inputs, Variant, layer_pressure, measure, read
 
 LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, as by default
 ONE_LEVEL = (2, 2, 4)

@@ -1,4 +1,4 @@
-"""Rasters and lines of the validation's data, on the cells of a terrain."""
+"""Rasters, lines and outlines of the validation: its data on the cells of a terrain, and its maps for the records."""
 
 from pathlib import Path
 
@@ -8,6 +8,8 @@ from runout.errors import InputError
 from runout.io.opening import open_raster, open_vector
 from runout.model.terrain import Terrain
 from runout.scores import Grid, Thalweg, values_at
+
+Outline = list[list[list[float]]]  # rings of points (easting, northing) [m]
 
 
 def on_cells(path: Path, terrain: Terrain) -> np.ndarray:
@@ -31,3 +33,24 @@ def thalweg_of(path: Path) -> Thalweg:
     file = open_vector(path, InputError)
     frame, _ = file.read(file.layers()[0])
     return Thalweg(shapely.get_coordinates(frame.geometry.iloc[0]))
+
+
+def outline_of(values: np.ndarray, threshold: float, easting: np.ndarray, northing: np.ndarray, tolerance: float) -> Outline:
+    """Rings around the cells (rows, columns) of more than a threshold, simplified by up to ``tolerance`` [m].
+
+    Lines between cell centres, so that the outline of a map does not depend on the order of its cells.
+    """
+    from matplotlib.figure import Figure
+    from shapely import LineString
+
+    padded = np.pad(np.nan_to_num(values), 1)
+    x = np.concatenate([[2 * easting[0] - easting[1]], easting, [2 * easting[-1] - easting[-2]]])
+    y = np.concatenate([[2 * northing[0] - northing[1]], northing, [2 * northing[-1] - northing[-2]]])
+    lines = Figure().add_subplot().contour(x, y, padded, levels=[threshold]).allsegs[0]
+    rings = (LineString(line).simplify(tolerance) for line in lines if len(line) > 3)
+    return [[[round(px, 1), round(py, 1)] for px, py in ring.coords] for ring in rings if ring.length > 8 * tolerance]
+
+
+def rounded(values: np.ndarray, digits: int) -> list[float | None]:
+    """Numbers for a record; NaN is None."""
+    return [None if not np.isfinite(v) else round(float(v), digits) for v in values]
