@@ -30,16 +30,9 @@ CellSize = float | tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Preset:
-    """One level of accuracy.
+    """One level of accuracy."""
 
-    Attributes
-    ----------
-    cells : float
-        Cells through the mean thickness of the release.
-    cfl : float
-    """
-
-    cells: float
+    cells: float  # cells through the mean thickness of the release
     cfl: float
 
     def cell_size(self, thickness: float, area: float) -> float:

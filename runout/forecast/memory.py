@@ -54,19 +54,10 @@ class Extent:
 
 @dataclass(frozen=True)
 class MemoryForecast:
-    """Memory of a run at its start [byte]; a flow that spreads thinly may take more blocks later.
+    """Memory of a run at its start [byte]; a flow that spreads thinly may take more blocks later."""
 
-    Attributes
-    ----------
-    backend : float
-        Particles, index and blocks; on the device if that is a GPU.
-    host : float
-        Further memory of the host: what loading takes, maps, the program. ``Result.state`` takes 250 bytes a particle more.
-    on_device : bool
-    """
-
-    backend: float
-    host: float
+    backend: float  # particles, index and blocks; on the device if that is a GPU
+    host: float  # further memory of the host: what loading takes, maps, the program. `Result.state` takes 250 bytes a particle more
     on_device: bool = False
 
     @property

@@ -39,24 +39,13 @@ TITLES = {
 
 @dataclass(frozen=True)
 class ErrorBar:
-    """Numerical error of one quantity.
+    """Numerical error of one quantity."""
 
-    Attributes
-    ----------
-    fine : float or None
-        Value on the finest grid; None for a map.
-    trend : float
-        Difference from a grid of vanishing cells by the fit, in the unit of the quantity.
-    scatter : float
-        Standard deviation of the runs about the fit; of a map the noise of its own grid.
-    error : float
-        The bar: :data:`SAFETY` times the root of the sum of squares of the trend, of :data:`SCATTERS` scatters, and of
-        :data:`SHARE` of the error of the map. For a map, :data:`MAP_SAFETY` times that of the trend and the noise.
-    """
-
-    fine: float | None
-    trend: float
-    scatter: float
+    fine: float | None  # value on the finest grid; None for a map
+    trend: float  # difference from a grid of vanishing cells by the fit, in the unit of the quantity
+    scatter: float  # standard deviation of the runs about the fit; of a map the noise of its own grid
+    # the bar: :data:`SAFETY` times the root of the sum of squares of the trend, of :data:`SCATTERS` scatters, and of :data:`SHARE`
+    # of the error of the map. For a map, :data:`MAP_SAFETY` times that of the trend and the noise
     error: float
 
     @classmethod

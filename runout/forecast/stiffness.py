@@ -22,25 +22,13 @@ RECORDED = ("youngs_modulus", "wave_speed")  # by release, among the attributes 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of the materials of a run, and what it is measured by.
+    """Stiffness of the materials of a run, and what it is measured by."""
 
-    Attributes
-    ----------
-    materials : tuple of Material
-        One per release, each with a number as Young's modulus.
-    flow_speed : float
-        Largest speed that the flow may reach [m/s], by the energy line and the drag of the ground; 0 where every modulus was
-        stated.
-    thickness : float
-        Largest thickness of the releases [m].
-    drag : bool
-        Whether drag of the ground counts in the speed.
-    """
-
-    materials: tuple[Material, ...]
+    materials: tuple[Material, ...]  # one per release, each with a number as Young's modulus
+    # largest speed that the flow may reach [m/s], by the energy line and the drag of the ground; 0 where every modulus was stated
     flow_speed: float
-    thickness: float
-    drag: bool = False
+    thickness: float  # largest thickness of the releases [m]
+    drag: bool = False  # whether drag of the ground counts in the speed
 
     @property
     def wave_speed(self) -> float:

@@ -33,21 +33,11 @@ Attributes = dict[str, Any]
 
 @dataclass(frozen=True)
 class CfSystem:
-    """Coordinate system of a variable.
+    """Coordinate system of a variable."""
 
-    Attributes
-    ----------
-    crs : pyproj.CRS or None
-        None if the file states none.
-    attributes : dict
-        Attributes of the grid mapping; empty if there is none.
-    sentences : tuple of str
-        Assumptions, one sentence each.
-    """
-
-    crs: Any
-    attributes: Attributes
-    sentences: tuple[str, ...] = ()
+    crs: Any  # pyproj.CRS or None: None if the file states none
+    attributes: Attributes  # attributes of the grid mapping; empty if there is none
+    sentences: tuple[str, ...] = ()  # assumptions, one sentence each
 
 
 def system_of(dataset: Any, variable: Any, axes: tuple[str, str], metres: float | None, text: str) -> CfSystem:

@@ -41,48 +41,26 @@ NUMBER = re.compile(r"(?P<number>[-+]?[\d.]+(?:e[-+]?\d+)?)[ ]?(?P<unit>\S.*)")
 
 @dataclass(frozen=True)
 class AxisUnit:
-    """Unit of a coordinate.
+    """Unit of a coordinate."""
 
-    Attributes
-    ----------
-    word : str
-        As the file states it, in lower case.
-    factor : float
-        Radians or metres in it; negative if it counts to the west or south.
-    is_angle : bool
-    direction : str or None
-        "x" or "y" if the unit says it, such as degrees_north.
-    """
-
-    word: str
-    factor: float
+    word: str  # as the file states it, in lower case
+    factor: float  # radians or metres in it; negative if it counts to the west or south
     is_angle: bool
-    direction: str | None = None
+    direction: str | None = None  # "x" or "y" if the unit says it, such as degrees_north
 
 
 @dataclass(frozen=True)
 class CfGrid:
-    """Place of the cells of a variable.
+    """Place of the cells of a variable."""
 
-    Attributes
-    ----------
-    x, y : str
-        Dimensions along a row and along a column.
-    transform : tuple of float
-        Affine map ``(a, b, c, d, e, f)`` from the outer corner of the first cell, in the unit of ``crs``, without one in metres.
-    crs : pyproj.CRS or None
-    assumption : str
-        Sentence on a coordinate system that the file does not state; empty if it states one.
-    sentences : tuple of str
-        What was converted on the way, one sentence each.
-    """
-
+    # x, y: dimensions along a row and along a column
     x: str
     y: str
+    # affine map `(a, b, c, d, e, f)` from the outer corner of the first cell, in the unit of `crs`, without one in metres
     transform: tuple[float, float, float, float, float, float]
-    crs: Any
-    assumption: str
-    sentences: tuple[str, ...]
+    crs: Any  # pyproj.CRS or None
+    assumption: str  # sentence on a coordinate system that the file does not state; empty if it states one
+    sentences: tuple[str, ...]  # what was converted on the way, one sentence each
 
 
 def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:

@@ -15,24 +15,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Header:
-    """Georeference and size of a raster file, read without its values.
+    """Georeference and size of a raster file, read without its values."""
 
-    Attributes
-    ----------
-    transform : tuple of float
-        Affine map, as of :class:`ElevationRaster`.
-    shape : tuple of int
-        Rows and columns.
-    crs : pyproj.CRS or None
-        As stated.
-    source : str
-        For messages.
-    """
-
-    transform: tuple[float, float, float, float, float, float]
-    shape: tuple[int, int]
-    crs: Any
-    source: str
+    transform: tuple[float, float, float, float, float, float]  # affine map, as of :class:`ElevationRaster`
+    shape: tuple[int, int]  # rows and columns
+    crs: Any  # pyproj.CRS or None: as stated
+    source: str  # for messages
 
     @property
     def cells(self) -> int:

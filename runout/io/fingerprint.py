@@ -22,26 +22,15 @@ STEP, COARSE_STEP = SECOND // 25, 2 * SECOND  # [ns] of the clocks of file syste
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Checksum, size and times of a file.
+    """Checksum, size and times of a file."""
 
-    Attributes
-    ----------
-    sha256 : str
-        Checksum of the content.
-    size : int
-        Size of the file [byte].
-    inode, modified, changed : int
-        Inode number, and the times [ns] of the last change of content and of status.
-    noted : int
-        Time [ns] at which the fingerprint was taken.
-    """
-
-    sha256: str
-    size: int
+    sha256: str  # checksum of the content
+    size: int  # size of the file [byte]
+    # inode, modified, changed: inode number, and the times [ns] of the last change of content and of status
     inode: int
     modified: int
     changed: int
-    noted: int
+    noted: int  # time [ns] at which the fingerprint was taken
 
     @classmethod
     def of(cls, path: Path) -> "Fingerprint":

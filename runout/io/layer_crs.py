@@ -18,19 +18,12 @@ Points = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class ToTerrain:
-    """Transformation from the coordinates of a file to those of the terrain.
+    """Transformation from the coordinates of a file to those of the terrain."""
 
-    Attributes
-    ----------
-    forward, inverse : callable or None
-        Map coordinates (n, 2) of the file to those of the terrain [m], and back; None if both are the same.
-    sentences : tuple of str
-        Assumptions and changes, one sentence each.
-    """
-
+    # forward, inverse: map coordinates (n, 2) of the file to those of the terrain [m], and back; None if both are the same
     forward: Points | None
     inverse: Points | None
-    sentences: tuple[str, ...]
+    sentences: tuple[str, ...]  # assumptions and changes, one sentence each
 
 
 def stated_crs(crs: Any) -> Any:

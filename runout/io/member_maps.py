@@ -50,19 +50,12 @@ DAMAGED = (OSError, RuntimeError, ValueError, IndexError, AttributeError, KeyErr
 
 @dataclass(frozen=True)
 class Block:
-    """Maps of one member in a rectangle of the raster.
+    """Maps of one member in a rectangle of the raster."""
 
-    Attributes
-    ----------
-    rows, columns : slice
-        Rows and columns of the raster.
-    maps : mapping of str to ndarray (rows, columns)
-        float32; NaN where there is no value.
-    """
-
+    # rows, columns: rows and columns of the raster
     rows: slice
     columns: slice
-    maps: Mapping[str, np.ndarray]
+    maps: Mapping[str, np.ndarray]  # (rows, columns): float32; NaN where there is no value
 
 
 def reached_part(maps: Mapping[str, np.ndarray]) -> Part:

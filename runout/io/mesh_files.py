@@ -30,21 +30,11 @@ OBJ_ZERO = re.compile(rb"^f(?=[ \t])[^\n]*?[ \t]0+(?=[/ \t\r\n])", re.MULTILINE)
 
 @dataclass(frozen=True)
 class MeshPart:
-    """A part of a mesh file: what has one node or one material there.
+    """A part of a mesh file: what has one node or one material there."""
 
-    Attributes
-    ----------
-    name : str
-        As the file names it.
-    vertices : ndarray (v, 3)
-        In the units of the file, z up.
-    faces : ndarray (f, 3) of int
-        Rows of ``vertices``.
-    """
-
-    name: str
-    vertices: np.ndarray
-    faces: np.ndarray
+    name: str  # as the file names it
+    vertices: np.ndarray  # (v, 3): in the units of the file, z up
+    faces: np.ndarray  # (f, 3) of int: rows of `vertices`
 
     @property
     def is_closed(self) -> bool:

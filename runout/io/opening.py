@@ -205,21 +205,11 @@ def open_groups(name: Path | str) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class VectorFile:
-    """A vector file that has passed the checks.
+    """A vector file that has passed the checks."""
 
-    Attributes
-    ----------
-    path : Path
-        As stated by the caller.
-    target : str
-        Name that GDAL opens.
-    error : type of InputError
-        Error that is raised.
-    """
-
-    path: Path
-    target: str
-    error: type[InputError]
+    path: Path  # as stated by the caller
+    target: str  # name that GDAL opens
+    error: type[InputError]  # error that is raised
 
     def layers(self) -> list[str]:
         """Names of the layers with geometries."""

@@ -13,28 +13,15 @@ MOST_PAIRS = 30_000  # pairs with overlapping bounding boxes; with more pairs, p
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Overlaps of polygons.
+    """Overlaps of polygons."""
 
-    Attributes
-    ----------
-    first, second : ndarray (m,)
-        Positions of the polygons of each pair with a common area, the first one smaller.
-    area : ndarray (m,)
-        The common area [m2].
-    counts : ndarray (m,) of bool
-        Whether it is more than round-off and than a sliver.
-    complete : bool
-        False if there are too many pairs to examine all of them.
-    slivers : ndarray (m,) of bool
-        Whether it is more than round-off and less than a sliver.
-    """
-
+    # first, second: (m,): positions of the polygons of each pair with a common area, the first one smaller
     first: np.ndarray
     second: np.ndarray
-    area: np.ndarray
-    counts: np.ndarray
-    complete: bool
-    slivers: np.ndarray
+    area: np.ndarray  # (m,): the common area [m2]
+    counts: np.ndarray  # (m,) of bool: whether it is more than round-off and than a sliver
+    complete: bool  # False if there are too many pairs to examine all of them
+    slivers: np.ndarray  # (m,) of bool: whether it is more than round-off and less than a sliver
 
     def said_of_slivers(self, source: Path) -> tuple[str, ...]:
         """A sentence on the slivers, if there are such."""

@@ -74,27 +74,13 @@ def is_missing(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class PolygonLayer:
-    """Polygons of a layer.
+    """Polygons of a layer."""
 
-    Attributes
-    ----------
-    source : Path
-        The file.
-    polygons : ndarray (n,) of shapely Polygon or MultiPolygon
-        Valid, two-dimensional, in the terrain's map coordinates.
-    attributes : pandas.DataFrame
-        One row a polygon.
-    changes : tuple of str
-        Assumptions and changes, one sentence each.
-    least_area : float
-        Area [m2] below which a common part of polygons is a sliver of an overlay.
-    """
-
-    source: Path
-    polygons: np.ndarray
-    attributes: Any
-    changes: tuple[str, ...] = ()
-    least_area: float = 0.0
+    source: Path  # the file
+    polygons: np.ndarray  # (n,) of shapely Polygon or MultiPolygon: valid, two-dimensional, in the terrain's map coordinates
+    attributes: Any  # pandas.DataFrame: one row a polygon
+    changes: tuple[str, ...] = ()  # assumptions and changes, one sentence each
+    least_area: float = 0.0  # area [m2] below which a common part of polygons is a sliver of an overlay
 
     def number(self, row: int) -> int:
         """Number of a polygon among the features of the file, from 1."""

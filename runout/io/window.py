@@ -15,18 +15,12 @@ Bounds = tuple[float, float, float, float]  # west, south, east, north, in the c
 
 @dataclass(frozen=True)
 class Part:
-    """Rows and columns of a raster.
+    """Rows and columns of a raster."""
 
-    Attributes
-    ----------
-    row, column : int
-        First row and column, counted as in the file.
-    rows, columns : int
-        Number of rows and columns.
-    """
-
+    # row, column: first row and column, counted as in the file
     row: int
     column: int
+    # rows, columns: number of rows and columns
     rows: int
     columns: int
 

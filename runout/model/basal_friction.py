@@ -12,21 +12,11 @@ FRICTION_REMEDY = "give a law of friction, for example runout.Coulomb(friction_a
 
 
 class MassAbove(NamedTuple):
-    """What a law of friction may know of the mass above the ground; numbers, or arrays of them.
+    """What a law of friction may know of the mass above the ground; numbers, or arrays of them."""
 
-    Attributes
-    ----------
-    strength : float
-        Largest friction coefficient that the mass passes on to the ground [1].
-    density : float
-        [kg/m3]
-    gravity : float
-        Magnitude of gravity [m/s2].
-    """
-
-    strength: Any
-    density: Any
-    gravity: Any
+    strength: Any  # float: largest friction coefficient that the mass passes on to the ground [1]
+    density: Any  # float [kg/m3]
+    gravity: Any  # float: magnitude of gravity [m/s2]
 
 
 @dataclass(frozen=True, kw_only=True)

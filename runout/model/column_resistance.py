@@ -15,29 +15,17 @@ from runout.model.scene import STANDARD_GRAVITY
 
 
 class Columns(NamedTuple):
-    """Columns of mass that slide.
+    """Columns of mass that slide."""
 
-    Attributes
-    ----------
-    member, release : ndarray (n,)
-        That they belong to.
-    x, y : ndarray (n,)
-        Local positions [m].
-    cosine : ndarray (n,)
-        Of the slope below [1].
-    speed : ndarray (n,)
-        [m/s]
-    thinness : ndarray (n,)
-        Their thickness over that at the start [1], at most 1.
-    """
-
+    # member, release: (n,): that they belong to
     member: np.ndarray
     release: np.ndarray
+    # x, y: (n,): local positions [m]
     x: np.ndarray
     y: np.ndarray
-    cosine: np.ndarray
-    speed: np.ndarray
-    thinness: np.ndarray
+    cosine: np.ndarray  # (n,): of the slope below [1]
+    speed: np.ndarray  # (n,) [m/s]
+    thinness: np.ndarray  # (n,): their thickness over that at the start [1], at most 1
 
 
 # steady deceleration (n,) [m/s2], and drag (n,) [1/m], the deceleration over the square of the speed

@@ -25,30 +25,14 @@ LOST = (
 
 @dataclass(frozen=True)
 class DepthResolution:
-    """Resolution of a flow of one depth by a grid and its time step.
+    """Resolution of a flow of one depth by a grid and its time step."""
 
-    Attributes
-    ----------
-    depth : float
-        Vertical [m].
-    cells_through_depth : float
-        Vertical cells.
-    numerical_viscosity : float
-        Kinematic viscosity of the transfers [m2/s] for shear through the depth.
-    shear_decay_time : float
-        Time [s] in which numerical viscosity reduces that shear to 1/e.
-    smallest_feature : float
-        Width [m] of the smallest feature that the maps can show.
-    least_thickness : float
-        Least thickness [m] that the maps can show: thinner flows are single particles.
-    """
-
-    depth: float
-    cells_through_depth: float
-    numerical_viscosity: float
-    shear_decay_time: float
-    smallest_feature: float = 0.0
-    least_thickness: float = 0.0
+    depth: float  # vertical [m]
+    cells_through_depth: float  # vertical cells
+    numerical_viscosity: float  # kinematic viscosity of the transfers [m2/s] for shear through the depth
+    shear_decay_time: float  # time [s] in which numerical viscosity reduces that shear to 1/e
+    smallest_feature: float = 0.0  # width [m] of the smallest feature that the maps can show
+    least_thickness: float = 0.0  # least thickness [m] that the maps can show: thinner flows are single particles
 
     @classmethod
     def of(cls, depth: float, scene: Scene, dt: float, particle_volume: float = 0.0) -> "DepthResolution":

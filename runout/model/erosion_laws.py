@@ -40,15 +40,9 @@ class Erosion:
 
 @dataclass(frozen=True)
 class ErosionLaw(RegisteredLaw[Erosion]):
-    """A registered law of erosion.
+    """A registered law of erosion."""
 
-    Attributes
-    ----------
-    rate : function
-        Erosion rate of a column, see :func:`register_erosion`.
-    """
-
-    rate: FunctionType
+    rate: FunctionType  # erosion rate of a column, see :func:`register_erosion`
     package = PACKAGE
 
     @property

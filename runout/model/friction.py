@@ -168,17 +168,10 @@ class FrictionZones:
 
 @dataclass(frozen=True)
 class Kinds:
-    """Kinds of ground: cells in which a zone changes the numbers of a law alike.
+    """Kinds of ground: cells in which a zone changes the numbers of a law alike."""
 
-    Attributes
-    ----------
-    kind : ndarray (nx, ny) of int32
-        Of each cell; 0 outside all zones.
-    factor, own : ndarray (kinds, numbers)
-        What multiplies each number of a law, and what is added then.
-    """
-
-    kind: np.ndarray
+    kind: np.ndarray  # (nx, ny) of int32: of each cell; 0 outside all zones
+    # factor, own: (kinds, numbers): what multiplies each number of a law, and what is added then
     factor: np.ndarray
     own: np.ndarray
 

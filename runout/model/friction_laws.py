@@ -29,15 +29,9 @@ STRENGTH = "strength"  # of a record: what limits the resistance in every contac
 
 @dataclass(frozen=True)
 class FrictionLaw(RegisteredLaw[BasalFriction]):
-    """A registered law of basal friction.
+    """A registered law of basal friction."""
 
-    Attributes
-    ----------
-    resistance : function
-        Steady impulse and drag of a contact, see :func:`register_friction`.
-    """
-
-    resistance: FunctionType
+    resistance: FunctionType  # steady impulse and drag of a contact, see :func:`register_friction`
     package = PACKAGE
 
     @property

@@ -57,15 +57,9 @@ class Mixture(Generic[AnyLaw]):
 
 @dataclass(frozen=True)
 class LawMixture(Mixture[Law], Law):
-    """Laws of the material that masses of one run follow.
+    """Laws of the material that masses of one run follow."""
 
-    Attributes
-    ----------
-    parts : tuple of Law
-        At least two, ordered by name.
-    """
-
-    parts: tuple[Law, ...] = ()
+    parts: tuple[Law, ...] = ()  # at least two, ordered by name
 
     def table(self, materials: tuple[Material, ...], dtype: Any = float, cell_size: float = 1.0) -> np.ndarray:
         """Structured array (materials,) of the records, for cells of ``cell_size`` [m]; 0 where a law has no such number."""
@@ -101,14 +95,9 @@ class FrictionMixture(Mixture[FrictionLaw], FrictionLaw):
     """Laws of basal friction that masses of one run follow.
 
     Ground areas and drag on columns are computed if any law needs them; each law takes what it would take alone.
-
-    Attributes
-    ----------
-    parts : tuple of FrictionLaw
-        At least two, ordered by name.
     """
 
-    parts: tuple[FrictionLaw, ...] = ()
+    parts: tuple[FrictionLaw, ...] = ()  # at least two, ordered by name
 
     @property
     def uses_area(self) -> bool:

@@ -31,15 +31,9 @@ ARGUMENTS = 3  # of ``update``: Hencky strain, history variable, record of param
 
 @dataclass(frozen=True)
 class Law(RegisteredLaw[Material]):
-    """A registered law of the material.
+    """A registered law of the material."""
 
-    Attributes
-    ----------
-    update : function or None
-        Return mapping, see :func:`register_law`; None for a material that never yields.
-    """
-
-    update: FunctionType | None
+    update: FunctionType | None  # return mapping, see :func:`register_law`; None for a material that never yields
     package = PACKAGE
 
     @property

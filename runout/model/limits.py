@@ -21,28 +21,15 @@ SMALLEST_NET = 16  # members of a Sobol net whose sampling error can be found
 
 @dataclass(frozen=True)
 class Range:
-    """Valid range of a quantity.
+    """Valid range of a quantity."""
 
-    Attributes
-    ----------
-    low, high : float
-        Smallest and largest value, both valid unless ``open_low``.
-    unit : str
-        Of both.
-    hint : str
-        Remedy for a value outside the range.
-    open_low : bool
-        ``low`` itself is not valid.
-    degrees : bool
-        An angle in degrees, of which values that look like radians are refused.
-    """
-
+    # low, high: smallest and largest value, both valid unless `open_low`
     low: float
     high: float
-    unit: str = ""
-    hint: str = ""
-    open_low: bool = False
-    degrees: bool = False
+    unit: str = ""  # of both
+    hint: str = ""  # remedy for a value outside the range
+    open_low: bool = False  # `low` itself is not valid
+    degrees: bool = False  # an angle in degrees, of which values that look like radians are refused
 
     def holds(self, value: float) -> bool:
         """Whether a value lies in the range."""

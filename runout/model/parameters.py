@@ -19,33 +19,16 @@ AUTO: Literal["auto"] = "auto"  # in the place of a number that the run chooses
 
 @dataclass(frozen=True)
 class Parameter:
-    """Declaration of one parameter.
+    """Declaration of one parameter."""
 
-    Attributes
-    ----------
-    name : str
-        In Python.
-    description : str
-        One line, for the comment in site.yaml and for tables.
-    valid : Range or None
-        Range and unit of a number; None for a choice or a switch.
-    choices : type of StrEnum or None
-        Values of a choice; None for a number or a switch.
-    default : object
-        Default value; ``dataclasses.MISSING`` for a required parameter, :data:`AUTO` for a number that the run chooses.
-    typical : object
-        Value for examples and tests; the default if there is one.
-    sampled : bool
-        Whether an ensemble may sample it.
-    """
-
-    name: str
-    description: str
-    valid: Range | None
-    choices: type[StrEnum] | None
+    name: str  # in Python
+    description: str  # one line, for the comment in site.yaml and for tables
+    valid: Range | None  # range and unit of a number; None for a choice or a switch
+    choices: type[StrEnum] | None  # values of a choice; None for a number or a switch
+    # default value; `dataclasses.MISSING` for a required parameter, :data:`AUTO` for a number that the run chooses
     default: Any
-    typical: Any
-    sampled: bool
+    typical: Any  # value for examples and tests; the default if there is one
+    sampled: bool  # whether an ensemble may sample it
 
     @property
     def key(self) -> str:

@@ -56,17 +56,10 @@ class CompactParticles:
     """Particles of releases, without history and forces, in the precision of a run: 60 bytes each in float32 at rest.
 
     A source that waits for its run.
-
-    Attributes
-    ----------
-    parts : sequence of (arrays by name, releases)
-        Of each chunk; the release is one number where all are the same.
-    total : Sums
-        Of the particles before they were rounded.
     """
 
-    parts: Sequence[tuple[dict[str, np.ndarray], np.ndarray]]
-    total: Sums
+    parts: Sequence[tuple[dict[str, np.ndarray], np.ndarray]]  # of each chunk; the release is one number where all are the same
+    total: Sums  # of the particles before they were rounded
 
     @classmethod
     def of(cls, source: ParticleSource, density: np.ndarray, dtype: type) -> "CompactParticles":

@@ -19,22 +19,13 @@ LEVEL = 0.01  # slope across a line that counts as level
 
 @dataclass(frozen=True)
 class Probe:
-    """A point.
+    """A point."""
 
-    Attributes
-    ----------
-    name : str
-        Name in files and figures.
-    easting, northing : float
-        Map coordinates [m].
-    source : str
-        Where it was read, for messages.
-    """
-
-    name: str
+    name: str  # name in files and figures
+    # easting, northing: map coordinates [m]
     easting: float
     northing: float
-    source: str = "probes"
+    source: str = "probes"  # where it was read, for messages
 
     @property
     def vertices(self) -> Vertices:
@@ -44,21 +35,11 @@ class Probe:
 
 @dataclass(frozen=True)
 class CrossSection:
-    """A line across a flow.
+    """A line across a flow."""
 
-    Attributes
-    ----------
-    name : str
-        Name in files and figures.
-    vertices : tuple of (float, float)
-        Map coordinates [m], two different ones at least.
-    source : str
-        Where it was read, for messages.
-    """
-
-    name: str
-    vertices: Vertices
-    source: str = "cross-sections"
+    name: str  # name in files and figures
+    vertices: Vertices  # map coordinates [m], two different ones at least
+    source: str = "cross-sections"  # where it was read, for messages
 
     @property
     def length(self) -> float:

@@ -101,18 +101,10 @@ def _place(function: FunctionType) -> str:
 
 @dataclass(frozen=True)
 class RegisteredLaw(Generic[Declaration]):
-    """A registered law.
+    """A registered law."""
 
-    Attributes
-    ----------
-    name : str
-        Name in site.yaml.
-    declaration : type
-        The class that declares its parameters.
-    """
-
-    name: str
-    declaration: type[Declaration]
+    name: str  # name in site.yaml
+    declaration: type[Declaration]  # the class that declares its parameters
     package: ClassVar[str]
 
     @property

@@ -22,25 +22,14 @@ CELLS = 8  # of the lattice along an edge of a block; a block has CELLS + 1 node
 
 @dataclass(frozen=True)
 class Patches:
-    """Plane parts of the surfaces, each of about the size of a grid cell. In concave edges contact uses their planes.
+    """Plane parts of the surfaces, each of about the size of a grid cell. In concave edges contact uses their planes."""
 
-    Attributes
-    ----------
-    centre, normal : ndarray (p, 3)
-        Local position [m] and outward unit normal.
-    area : ndarray (p,)
-        [m2]
-    facade : ndarray (p,) of int
-        Row of the facade that a patch belongs to.
-    friction : ndarray (p,)
-        Coulomb coefficient of the surface [1]; NaN: that of the ground under the mass.
-    """
-
+    # centre, normal: (p, 3): local position [m] and outward unit normal
     centre: np.ndarray
     normal: np.ndarray
-    area: np.ndarray
-    facade: np.ndarray
-    friction: np.ndarray
+    area: np.ndarray  # (p,) [m2]
+    facade: np.ndarray  # (p,) of int: row of the facade that a patch belongs to
+    friction: np.ndarray  # (p,): Coulomb coefficient of the surface [1]; NaN: that of the ground under the mass
 
 
 @dataclass(frozen=True)
@@ -49,32 +38,18 @@ class StructureField:
 
     Node (i, j, k) of the lattice is at ``origin + spacing * (i, j, k)``, in local metres. Block (a, b, c) holds the nodes from
     ``CELLS * (a, b, c)`` to ``CELLS * (a + 1, b + 1, c + 1)``, both included.
-
-    Attributes
-    ----------
-    spacing : float
-        Edge of a lattice cell [m]; at most half the spacing of the grid of the run, so that edges and thin walls are resolved.
-    origin : tuple of float
-        Local position of the first node [m].
-    blocks : ndarray (nx, ny, nz) of int32
-        Row of ``distance`` and ``patch`` of each block; -1 where every structure is further away than ``band``.
-    distance : ndarray (n, 9, 9, 9) of float32
-        Distance [m] to the nearest surface, positive outside and negative inside, within ``band``.
-    patch : ndarray (n, 9, 9, 9) of int32
-        Row of the patch nearest to each node.
-    band : float
-        Largest distance that the field resolves [m]; contact needs about three spacings of the grid.
-    patches : Patches
-        Where forces act.
     """
 
+    # edge of a lattice cell [m]; at most half the spacing of the grid of the run, so that edges and thin walls are resolved
     spacing: float
-    origin: tuple[float, float, float]
+    origin: tuple[float, float, float]  # local position of the first node [m]
+    # (nx, ny, nz) of int32: row of `distance` and `patch` of each block; -1 where every structure is further away than `band`
     blocks: np.ndarray
+    # (n, 9, 9, 9) of float32: distance [m] to the nearest surface, positive outside and negative inside, within `band`
     distance: np.ndarray
-    patch: np.ndarray
-    band: float
-    patches: Patches
+    patch: np.ndarray  # (n, 9, 9, 9) of int32: row of the patch nearest to each node
+    band: float  # largest distance that the field resolves [m]; contact needs about three spacings of the grid
+    patches: Patches  # where forces act
 
     def __post_init__(self) -> None:
         side = (len(self.distance), *(CELLS + 1,) * 3)

@@ -19,29 +19,15 @@ CLOSE = 1e-9  # share of the volume that regridding may miss by round-off
 
 @dataclass(frozen=True)
 class Columns:
-    """Particle columns of one release.
+    """Particle columns of one release."""
 
-    Attributes
-    ----------
-    index : ndarray (m, 2) int32
-        On the plan lattice, east and north.
-    size : tuple of float
-        [m]
-    layer : float
-        Nominal height of a layer of particles [m].
-    thickness : ndarray (m,)
-        Mean [m].
-    cut : ndarray (m,) of bool
-        Whether the outline cuts the column.
-    shifted, shift : ndarray (k,), (k, 2)
-        Columns whose particles lie around the centre of their covered part, and its distance from theirs, east and north [m].
-    """
-
-    index: np.ndarray
-    size: tuple[float, float]
-    layer: float
-    thickness: np.ndarray
-    cut: np.ndarray
+    index: np.ndarray  # (m, 2) int32: on the plan lattice, east and north
+    size: tuple[float, float]  # [m]
+    layer: float  # nominal height of a layer of particles [m]
+    thickness: np.ndarray  # (m,): mean [m]
+    cut: np.ndarray  # (m,) of bool: whether the outline cuts the column
+    # shifted, shift: (k,): columns whose particles lie around the centre of their covered part, and its distance from theirs, east
+    # and north [m]
     shifted: np.ndarray
     shift: np.ndarray
 

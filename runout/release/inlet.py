@@ -26,27 +26,13 @@ SHARE_AT_ONCE = 0.25  # layers by which a polygon rises between two births
 
 @dataclass(frozen=True)
 class Births:
-    """Groups of particles that are born together, in the order in which they enter.
+    """Groups of particles that are born together, in the order in which they enter."""
 
-    Attributes
-    ----------
-    time : ndarray (m,)
-        At which each is due [s].
-    count : ndarray (m,)
-        Particles of each group.
-    volume : ndarray (m,)
-        Of a particle of each [m3].
-    thickness : ndarray (m,)
-        Vertical [m], 0 for single particles.
-    speed : ndarray (m,)
-        Horizontal [m/s].
-    """
-
-    time: np.ndarray
-    count: np.ndarray
-    volume: np.ndarray
-    thickness: np.ndarray
-    speed: np.ndarray
+    time: np.ndarray  # (m,): at which each is due [s]
+    count: np.ndarray  # (m,): particles of each group
+    volume: np.ndarray  # (m,): of a particle of each [m3]
+    thickness: np.ndarray  # (m,): vertical [m], 0 for single particles
+    speed: np.ndarray  # (m,): horizontal [m/s]
 
     def __len__(self) -> int:
         return len(self.time)

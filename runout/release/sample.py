@@ -22,24 +22,12 @@ WITHIN = 1e-3  # distance from the edge of a raster cell, as a share of its size
 
 @dataclass(frozen=True)
 class Sampling:
-    """How particles are placed.
+    """How particles are placed."""
 
-    Attributes
-    ----------
-    spacing : tuple of float
-        Grid spacing (dx, dy, dz) [m].
-    per_axis : tuple of int
-        Particles (px, py, pz) of a full grid cell.
-    seed : int
-        Of the jitter; equal seeds give equal particles.
-    jitter : float
-        Largest horizontal displacement, as a share of the particle spacing, 0 to 0.5.
-    """
-
-    spacing: tuple[float, float, float]
-    per_axis: tuple[int, int, int]
-    seed: int = 0
-    jitter: float = 0.25
+    spacing: tuple[float, float, float]  # grid spacing (dx, dy, dz) [m]
+    per_axis: tuple[int, int, int]  # particles (px, py, pz) of a full grid cell
+    seed: int = 0  # of the jitter; equal seeds give equal particles
+    jitter: float = 0.25  # largest horizontal displacement, as a share of the particle spacing, 0 to 0.5
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.jitter <= 0.5:

@@ -30,29 +30,15 @@ HALVINGS = 50  # share of the interval of planes, at round-off
 
 @dataclass(frozen=True)
 class Part:
-    """One connected part of a tapered release on its own square lattice.
+    """One connected part of a tapered release on its own square lattice."""
 
-    Attributes
-    ----------
-    window : tuple of slice
-        Rows and columns of the terrain that hold it.
-    covered : ndarray (rows, columns)
-        Area of each of these cells inside the outline [m2].
-    volume : float
-        [m3]
-    bowl : ndarray (n,)
-        Thickness [m] at the nodes.
-    planes : ndarray (m, n) or None
-        Thickness [m] above surfaces that fall to the rim, level first; None for a mass on the ground.
-    cells : scipy sparse array (rows * columns, n)
-        Contribution of each node to the volume of each cell of the window, per thickness [m2].
-    """
-
-    window: tuple[slice, slice]
-    covered: np.ndarray
-    volume: float
-    bowl: np.ndarray
+    window: tuple[slice, slice]  # rows and columns of the terrain that hold it
+    covered: np.ndarray  # (rows, columns): area of each of these cells inside the outline [m2]
+    volume: float  # [m3]
+    bowl: np.ndarray  # (n,): thickness [m] at the nodes
+    # (m, n): thickness [m] above surfaces that fall to the rim, level first; None for a mass on the ground
     planes: np.ndarray | None
+    # scipy sparse array (rows * columns, n): contribution of each node to the volume of each cell of the window, per thickness [m2]
     cells: Any
 
     def volumes(self, factor: float) -> np.ndarray:
@@ -88,18 +74,11 @@ class TaperedMass:
     """A mass that thins out to its rim and can be scaled within its outline.
 
     A smaller mass has its own sliding surface; a larger one has the shape of the stated one, thicker in proportion.
-
-    Attributes
-    ----------
-    parts : tuple of Part
-    terrain : Terrain
-    factor : float
-        Volume relative to that of the parts.
     """
 
     parts: tuple[Part, ...]
     terrain: Terrain
-    factor: float = 1.0
+    factor: float = 1.0  # volume relative to that of the parts
 
     def scaled(self, factor: float) -> "TaperedMass":
         """Mass with the same outline and ``factor`` times the volume."""

@@ -90,22 +90,13 @@ def on_map(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drainage:
-    """Drainage of a terrain.
-
-    Attributes
-    ----------
-    terrain : Terrain
-    filled : ndarray (rows, columns)
-        Elevation with every sink filled to its spill [m]; NaN where unknown.
-    area : ndarray (rows, columns)
-        Plan area that drains through the cell, the cell included [m2]; NaN where unknown.
-    receiver : ndarray (rows, columns) of int
-        Flat index (north up) of the cell that the water of a cell goes to next; its own where it leaves the terrain.
-    """
+    """Drainage of a terrain."""
 
     terrain: "Terrain"
-    filled: np.ndarray
-    area: np.ndarray
+    filled: np.ndarray  # (rows, columns): elevation with every sink filled to its spill [m]; NaN where unknown
+    area: np.ndarray  # (rows, columns): plan area that drains through the cell, the cell included [m2]; NaN where unknown
+    # (rows, columns) of int: flat index (north up) of the cell that the water of a cell goes to next; its own where it leaves the
+    # terrain
     receiver: np.ndarray
 
     @property

@@ -26,23 +26,12 @@ ANGLE = "friction_angle"
 
 @dataclass(frozen=True)
 class Stability:
-    """Stability of a terrain.
+    """Stability of a terrain."""
 
-    Attributes
-    ----------
-    slope : ndarray (rows, columns)
-        Slope of the ground [rad].
-    factor : ndarray (rows, columns)
-        Median factor of safety over the samples [1], at most :data:`LARGEST_FACTOR`.
-    probability : ndarray (rows, columns)
-        Share of the samples with a factor of at most 1.
-    thickness : ndarray (rows, columns)
-        Mean vertical thickness of the samples that fail [m], 0 where none does. All maps are NaN where unknown.
-    """
-
-    slope: np.ndarray
-    factor: np.ndarray
-    probability: np.ndarray
+    slope: np.ndarray  # (rows, columns): slope of the ground [rad]
+    factor: np.ndarray  # (rows, columns): median factor of safety over the samples [1], at most :data:`LARGEST_FACTOR`
+    probability: np.ndarray  # (rows, columns): share of the samples with a factor of at most 1
+    # (rows, columns): mean vertical thickness of the samples that fail [m], 0 where none does. All maps are NaN where unknown
     thickness: np.ndarray
 
 

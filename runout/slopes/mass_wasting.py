@@ -32,27 +32,17 @@ FEWEST_ITERATIONS = 1000
 
 @dataclass(frozen=True)
 class Baseline:
-    """Result of the automaton.
+    """Result of the automaton."""
 
-    Attributes
-    ----------
-    terrain : Terrain
-        Ground with the mass on it, on the cells of the computation; row 0 in the north.
-    release, peak, deposit, change : ndarray (rows, columns)
-        Released thickness, largest flow thickness, thickness above the ground without the mass at the end, and change of
-        elevation [m]; NaN where unknown.
-    iterations : int
-    moving : bool
-        Whether mass was still moving after the last iteration.
-    """
-
-    terrain: "Terrain"
+    terrain: "Terrain"  # ground with the mass on it, on the cells of the computation; row 0 in the north
+    # release, peak, deposit, change: (rows, columns): released thickness, largest flow thickness, thickness above the ground
+    # without the mass at the end, and change of elevation [m]; NaN where unknown
     release: np.ndarray
     peak: np.ndarray
     deposit: np.ndarray
     change: np.ndarray
     iterations: int
-    moving: bool
+    moving: bool  # whether mass was still moving after the last iteration
 
     @property
     def volumes(self) -> dict[str, float]:

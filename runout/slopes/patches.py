@@ -25,19 +25,12 @@ SMOOTHED = 0.75  # of a cell: largest distance of an outline from the cell edges
 
 @dataclass(frozen=True)
 class Patch:
-    """A proposed release.
+    """A proposed release."""
 
-    Attributes
-    ----------
-    outline : shapely Polygon
-        In map coordinates.
-    attributes : dict of str to float
-        ``rank`` from 1; ``thickness_m``, ``probability``, ``factor_of_safety`` (of the medians) and ``slope_deg``: means over the
-        covered area; ``volume_m3``, ``area_m2``; ``drainage_area_m2``: the largest of its cells; ``cell_size_m``: largest spacing
-        of a grid with one cell through the thickness, and ``particles`` on it.
-    """
-
-    outline: Any
+    outline: Any  # shapely Polygon: in map coordinates
+    # `rank` from 1; `thickness_m`, `probability`, `factor_of_safety` (of the medians) and `slope_deg`: means over the covered area;
+    # `volume_m3`, `area_m2`; `drainage_area_m2`: the largest of its cells; `cell_size_m`: largest spacing of a grid with one cell
+    # through the thickness, and `particles` on it
     attributes: dict[str, float]
 
     @property
@@ -48,24 +41,13 @@ class Patch:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """Proposed releases, and how many cells each condition left.
+    """Proposed releases, and how many cells each condition left."""
 
-    Attributes
-    ----------
-    patches : list of Patch
-        By rank: the largest product of probability and volume first.
-    found : int
-        Number of releases before the limit on their number.
-    too_large : int
-        Number of these that need more memory than the machine has free, and that are left out.
-    left : dict of str to (int, str)
-        Number of cells that meet each condition and those before it, and the option that sets it.
-    """
-
-    patches: list[Patch]
-    found: int
+    patches: list[Patch]  # by rank: the largest product of probability and volume first
+    found: int  # number of releases before the limit on their number
+    # number of cells that meet each condition and those before it, and the option that sets it
     left: dict[str, tuple[int, str]] = field(default_factory=dict)
-    too_large: int = 0
+    too_large: int = 0  # number of these that need more memory than the machine has free, and that are left out
 
 
 def suggest(drained: "Drainage", stable: "Stability", choices: StabilitySettings) -> Suggestion:

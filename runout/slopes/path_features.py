@@ -17,25 +17,14 @@ FEWEST_CONFINED = 3  # cells of a channel that a flow leaves
 
 @dataclass(frozen=True)
 class Standing:
-    """Something that stands on the ground.
+    """Something that stands on the ground."""
 
-    Attributes
-    ----------
-    kind, name : str
-        "structure" or "obstacle"; its name, which may be empty.
-    outline : shapely geometry
-        In map coordinates.
-    height : float
-        Of the top above the ground, where it is highest [m]; negative for a basin.
-    clearance : float or None
-        Of the underside above the ground [m]; None for one without an opening below.
-    """
-
+    # kind, name: "structure" or "obstacle"; its name, which may be empty
     kind: str
     name: str
-    outline: Any
-    height: float
-    clearance: float | None = None
+    outline: Any  # shapely geometry: in map coordinates
+    height: float  # of the top above the ground, where it is highest [m]; negative for a basin
+    clearance: float | None = None  # of the underside above the ground [m]; None for one without an opening below
 
     def title(self) -> str:
         """Kind, name and height in words."""
@@ -54,26 +43,15 @@ class Standing:
 
 @dataclass(frozen=True)
 class Feature:
-    """A place on the flow path.
+    """A place on the flow path."""
 
-    Attributes
-    ----------
-    kind : str
-        "steep step", "leaves a channel", "structure" or "obstacle".
-    easting, northing, distance : float
-        Place, and distance along the path [m].
-    size : float
-        Height of a step, thickness of the flow elsewhere [m].
-    standing : Standing or None
-        The structure or obstacle that the flow reaches.
-    """
-
-    kind: str
+    kind: str  # "steep step", "leaves a channel", "structure" or "obstacle"
+    # easting, northing, distance: place, and distance along the path [m]
     easting: float
     northing: float
     distance: float
-    size: float
-    standing: Standing | None = None
+    size: float  # height of a step, thickness of the flow elsewhere [m]
+    standing: Standing | None = None  # the structure or obstacle that the flow reaches
 
     def attributes(self) -> dict[str, str | float]:
         """Values by name and unit."""
@@ -95,21 +73,11 @@ class Feature:
 
 @dataclass(frozen=True)
 class FlowPath:
-    """Path of the water from the thickest cell of a release, as far as the flow goes.
+    """Path of the water from the thickest cell of a release, as far as the flow goes."""
 
-    Attributes
-    ----------
-    cells : ndarray (n, 2) of int
-        Rows and columns, downstream.
-    distance : ndarray (n,)
-        Along the path [m].
-    confined : ndarray (n,) of bool
-        Whether the ground rises above the flow on both sides.
-    """
-
-    cells: np.ndarray
-    distance: np.ndarray
-    confined: np.ndarray
+    cells: np.ndarray  # (n, 2) of int: rows and columns, downstream
+    distance: np.ndarray  # (n,): along the path [m]
+    confined: np.ndarray  # (n,) of bool: whether the ground rises above the flow on both sides
 
     def points(self, drained: "Drainage") -> np.ndarray:
         """Easting and northing (n, 2) [m]."""

@@ -13,22 +13,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Place:
-    """A terrain with its name and the folder of its results.
-
-    Attributes
-    ----------
-    name : str
-    terrain : Terrain
-    results : Path
-        ``results`` of the site, or ``NAME_results`` in the working folder for a raster, unless another folder is stated.
-    site : Site or None
-        None of a raster.
-    """
+    """A terrain with its name and the folder of its results."""
 
     name: str
     terrain: Terrain
-    results: Path
-    site: "Site | None" = None
+    results: Path  # `results` of the site, or `NAME_results` in the working folder for a raster, unless another folder is stated
+    site: "Site | None" = None  # None of a raster
 
 
 def is_raster(path: Path) -> bool:

@@ -27,26 +27,16 @@ LISTED = 10  # sinks of the page and the record
 
 @dataclass(frozen=True)
 class Sink:
-    """A closed sink.
+    """A closed sink."""
 
-    Attributes
-    ----------
-    easting, northing : float
-        Deepest cell [m].
-    depth : float
-        Largest depth below the spill [m].
-    area, volume : float
-        Plan area [m2] and volume up to the spill [m3].
-    outline : shapely MultiPolygon
-        Along the cell edges, in map coordinates.
-    """
-
+    # easting, northing: deepest cell [m]
     easting: float
     northing: float
-    depth: float
+    depth: float  # largest depth below the spill [m]
+    # area, volume: plan area [m2] and volume up to the spill [m3]
     area: float
     volume: float
-    outline: Any
+    outline: Any  # shapely MultiPolygon: along the cell edges, in map coordinates
 
     def attributes(self) -> dict[str, float]:
         """Values without the outline, by name and unit."""
@@ -152,35 +142,16 @@ def _centres(drained: "Drainage", cells: np.ndarray) -> tuple[np.ndarray, np.nda
 
 @dataclass(frozen=True)
 class TerrainFigures:
-    """What an elevation raster holds and hides.
+    """What an elevation raster holds and hides."""
 
-    Attributes
-    ----------
-    sinks : list of Sink
-        The largest volume first.
-    totals : dict of str to float
-        ``number``, ``area_m2``, ``volume_m3`` and ``deepest_m`` of all sinks.
-    through_sinks : float
-        Share of the known area whose water passes through a sink [1].
-    paths : list of dict
-        Flow paths as rows with ``geometry``.
-    path_area : float
-        Drainage area from which on a cell belongs to a flow path [m2].
-    classes : dict of str to float
-        Share of the known area [1] by class of slope.
-    steepest_deg : float
-    unknown : int
-        Cells without an elevation.
-    """
-
-    sinks: list[Sink]
-    totals: dict[str, float]
-    through_sinks: float
-    paths: list[dict[str, Any]]
-    path_area: float
-    classes: dict[str, float]
+    sinks: list[Sink]  # the largest volume first
+    totals: dict[str, float]  # `number`, `area_m2`, `volume_m3` and `deepest_m` of all sinks
+    through_sinks: float  # share of the known area whose water passes through a sink [1]
+    paths: list[dict[str, Any]]  # flow paths as rows with `geometry`
+    path_area: float  # drainage area from which on a cell belongs to a flow path [m2]
+    classes: dict[str, float]  # share of the known area [1] by class of slope
     steepest_deg: float
-    unknown: int
+    unknown: int  # cells without an elevation
 
     def record(self) -> dict[str, Any]:
         """Values for the JSON record."""

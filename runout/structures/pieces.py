@@ -18,22 +18,13 @@ BESIDE = 0.125  # cells of the grid within which a surface beside another body c
 
 @dataclass(frozen=True)
 class Pieces:
-    """Triangles that the surfaces of bodies are cut into.
+    """Triangles that the surfaces of bodies are cut into."""
 
-    Attributes
-    ----------
-    corners : ndarray (n, 3, 3)
-        Local positions [m].
-    solid, facade : ndarray (n,) of int
-        Row of the body, and of its facade among those of all bodies.
-    visible : ndarray (n,) of bool
-        Above the ground.
-    """
-
-    corners: np.ndarray
+    corners: np.ndarray  # (n, 3, 3): local positions [m]
+    # solid, facade: (n,) of int: row of the body, and of its facade among those of all bodies
     solid: np.ndarray
     facade: np.ndarray
-    visible: np.ndarray
+    visible: np.ndarray  # (n,) of bool: above the ground
 
     def __getitem__(self, chosen: np.ndarray) -> "Pieces":
         return Pieces(*(values[chosen] for values in vars(self).values()))

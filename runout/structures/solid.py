@@ -9,36 +9,16 @@ from runout.errors import StructureError
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed body of triangles, counterclockwise seen from outside.
+    """A closed body of triangles, counterclockwise seen from outside."""
 
-    Attributes
-    ----------
-    name : str
-        Of the structure.
-    vertices : ndarray (v, 3)
-        Local positions [m], float64; z is the elevation.
-    faces : ndarray (f, 3) of int
-        Rows of ``vertices``.
-    facade : ndarray (f,) of int
-        Row of ``facades`` of each face.
-    facades : tuple of str
-        Names, each once.
-    friction : float
-        Coulomb coefficient of its surfaces [1]; NaN: that of the ground under the mass.
-    place : str
-        File and feature, for messages.
-    clearance : float or None
-        Height above ground at which it hangs [m]; None for one that stands on the ground.
-    """
-
-    name: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    facade: np.ndarray
-    facades: tuple[str, ...]
-    friction: float
-    place: str
-    clearance: float | None = None
+    name: str  # of the structure
+    vertices: np.ndarray  # (v, 3): local positions [m], float64; z is the elevation
+    faces: np.ndarray  # (f, 3) of int: rows of `vertices`
+    facade: np.ndarray  # (f,) of int: row of `facades` of each face
+    facades: tuple[str, ...]  # names, each once
+    friction: float  # Coulomb coefficient of its surfaces [1]; NaN: that of the ground under the mass
+    place: str  # file and feature, for messages
+    clearance: float | None = None  # height above ground at which it hangs [m]; None for one that stands on the ground
     box: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:

@@ -22,29 +22,15 @@ SAND = DruckerPrager(density=2000.0, youngs_modulus=1e7, poisson_ratio=0.3, fric
 
 @dataclass(frozen=True)
 class Layer:
-    """A square layer with eight particles a cell, or another number above each other.
+    """A square layer with eight particles a cell, or another number above each other."""
 
-    Attributes
-    ----------
-    particles : int
-        About so many; a whole number of columns is made.
-    depth : int
-        Cells through its depth.
-    sparsity : float
-        Volume of the box around all bodies over the volume of the bodies; 1 is one body, more is two, apart along a contour.
-    precision : str
-    aligned : bool
-        Keep the plane level and tilt gravity, so that the box around the layer holds the layer alone.
-    upwards : int
-        Particles of a cell above each other.
-    """
-
-    particles: int
-    depth: int = 8
+    particles: int  # about so many; a whole number of columns is made
+    depth: int = 8  # cells through its depth
+    # volume of the box around all bodies over the volume of the bodies; 1 is one body, more is two, apart along a contour
     sparsity: float = 1.0
     precision: str = "float32"
-    aligned: bool = False
-    upwards: int = PER_CELL
+    aligned: bool = False  # keep the plane level and tilt gravity, so that the box around the layer holds the layer alone
+    upwards: int = PER_CELL  # particles of a cell above each other
 
     @property
     def columns(self) -> tuple[int, int]:

@@ -35,40 +35,19 @@ Box = tuple[tuple[int, int], tuple[int, int]]  # first cell and the one behind t
 
 @dataclass(frozen=True)
 class Crests:
-    """Points (n,) on crests and channels, each seen along one axis.
+    """Points (n,) on crests and channels, each seen along one axis."""
 
-    Attributes
-    ----------
-    axis : ndarray of int
-        0 east, 1 north.
-    along, across : ndarray
-        Local position along that axis and the other one [m].
-    elevation : ndarray
-        Of the raster [m].
-    height : ndarray
-        Over the tilted ground on both sides [m]; negative in a channel.
-    weight : ndarray
-        1 at an edge, 0 on smooth ground, which the surface follows anyway.
-    tilt : ndarray
-        Slope of the ground under it along the axis [1].
-    trust : ndarray
-        How much the point counts beside others [1].
-    is_lid : ndarray of bool
-        The surface may be lower there (in a channel higher): the edge of a wide crest.
-    cell : ndarray
-        Size of the cell along the axis [m].
-    """
-
-    axis: np.ndarray
+    axis: np.ndarray  # 0 east, 1 north
+    # along, across: local position along that axis and the other one [m]
     along: np.ndarray
     across: np.ndarray
-    elevation: np.ndarray
-    height: np.ndarray
-    weight: np.ndarray
-    tilt: np.ndarray
-    trust: np.ndarray
-    is_lid: np.ndarray
-    cell: np.ndarray
+    elevation: np.ndarray  # of the raster [m]
+    height: np.ndarray  # over the tilted ground on both sides [m]; negative in a channel
+    weight: np.ndarray  # 1 at an edge, 0 on smooth ground, which the surface follows anyway
+    tilt: np.ndarray  # slope of the ground under it along the axis [1]
+    trust: np.ndarray  # how much the point counts beside others [1]
+    is_lid: np.ndarray  # the surface may be lower there (in a channel higher): the edge of a wide crest
+    cell: np.ndarray  # size of the cell along the axis [m]
 
     @classmethod
     def of(
@@ -311,18 +290,10 @@ def _between(
 
 @dataclass(frozen=True)
 class Mass:
-    """What is released.
+    """What is released."""
 
-    Attributes
-    ----------
-    thickness : ndarray (rows, columns)
-        On the cells of the terrain [m].
-    angle : float
-        Smallest friction angle [rad] that acts on any ground, 0 for a fluid.
-    """
-
-    thickness: np.ndarray
-    angle: float
+    thickness: np.ndarray  # (rows, columns): on the cells of the terrain [m]
+    angle: float  # smallest friction angle [rad] that acts on any ground, 0 for a fluid
 
 
 def crest_window(ground: np.ndarray, cell: tuple[float, float], box: Box, top: float, angle: float, most: float = math.inf) -> Box:

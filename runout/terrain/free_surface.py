@@ -14,23 +14,12 @@ AROUND = 3  # cells of the grid around the release that its surface looks at
 
 @dataclass(frozen=True)
 class FreeSurface:
-    """Slopes of the free surface of a release, smooth on the scale of the grid.
+    """Slopes of the free surface of a release, smooth on the scale of the grid."""
 
-    Attributes
-    ----------
-    ground : Surface
-        Natural ground around the release.
-    origin : tuple of float
-        Local position of its south-west corner [m].
-    cell_size : tuple of float
-        Cells of the terrain, east and north [m].
-    thickness_slopes : ndarray (2, nx, ny) or None
-        Slopes east and north of the thickness of what lies on the ground [1], from the south-west corner.
-    """
-
-    ground: Surface
-    origin: tuple[float, float]
-    cell_size: tuple[float, float]
+    ground: Surface  # natural ground around the release
+    origin: tuple[float, float]  # local position of its south-west corner [m]
+    cell_size: tuple[float, float]  # cells of the terrain, east and north [m]
+    # (2, nx, ny): slopes east and north of the thickness of what lies on the ground [1], from the south-west corner
     thickness_slopes: np.ndarray | None
 
     def slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -30,18 +30,12 @@ AT_ONCE = 4_000_000  # pairs of triangle and column
 
 @dataclass(frozen=True)
 class Overhangs:
-    """Rock above open space: columns of cells.
+    """Rock above open space: columns of cells."""
 
-    Attributes
-    ----------
-    row, column : ndarray (n,) of int
-        Cells of the terrain.
-    bottom, top : ndarray (n,)
-        Elevation of underside and top [m].
-    """
-
+    # row, column: (n,) of int: cells of the terrain
     row: np.ndarray
     column: np.ndarray
+    # bottom, top: (n,): elevation of underside and top [m]
     bottom: np.ndarray
     top: np.ndarray
 

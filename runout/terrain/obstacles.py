@@ -16,18 +16,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Dams, walls and basins of one vector file on a terrain.
+    """Dams, walls and basins of one vector file on a terrain."""
 
-    Attributes
-    ----------
-    parts : tuple of (shapely geometry, float)
-        Polygons in map coordinates without overlap, each with the height [m] by which it raises the ground.
-    narrowest : float
-        Width [m] of the narrowest polygon of the file, taken for a strip: twice its area over its circumference.
-    """
-
+    # polygons in map coordinates without overlap, each with the height [m] by which it raises the ground
     parts: tuple[tuple[Any, float], ...]
-    narrowest: float
+    narrowest: float  # width [m] of the narrowest polygon of the file, taken for a strip: twice its area over its circumference
 
     @property
     def heights(self) -> list[float]:

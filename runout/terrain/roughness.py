@@ -33,24 +33,13 @@ GRID_CELLS = 24  # least width of a window, in cells of the grid
 
 @dataclass(frozen=True)
 class Roughness:
-    """Relief in reach of a mass, root mean squares.
+    """Relief in reach of a mass, root mean squares."""
 
-    Attributes
-    ----------
-    carried : float
-        Relief of about six grid cells or less that the ground of the grid has [m].
-    removed : float
-        Difference of raster and ground: what the filter of the grid takes out [m].
-    friction : float
-        By which the carried relief raises the coefficient of friction [1]; on terrains :data:`LEAST` to :data:`MOST` times as much.
-    wave : float
-        Length [m] of waves in which the raster oscillates, of two to six of its cells; 0 without.
-    """
-
-    carried: float
-    removed: float
+    carried: float  # relief of about six grid cells or less that the ground of the grid has [m]
+    removed: float  # difference of raster and ground: what the filter of the grid takes out [m]
+    # by which the carried relief raises the coefficient of friction [1]; on terrains :data:`LEAST` to :data:`MOST` times as much
     friction: float
-    wave: float = 0.0
+    wave: float = 0.0  # length [m] of waves in which the raster oscillates, of two to six of its cells; 0 without
 
     @classmethod
     def recorded(cls, values: Mapping[str, Any]) -> "Roughness | None":

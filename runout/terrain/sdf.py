@@ -47,25 +47,14 @@ def sliding_surface(
 
 @dataclass(frozen=True)
 class _Raster:
-    """Elevations of a raster for a grid.
+    """Elevations of a raster for a grid."""
 
-    Attributes
-    ----------
-    elevation : ndarray (rows, columns)
-        Those of the cells, north-west corner first [m].
-    cell, grid : tuple of float
-        Size of the cells, and spacing of the grid [m].
-    count : tuple of int
-        Cells in a mean: as many as a cell of the grid holds whole.
-    means : ndarray (mx, my)
-        Means of so many cells [m].
-    """
-
-    elevation: np.ndarray
+    elevation: np.ndarray  # (rows, columns): those of the cells, north-west corner first [m]
+    # cell, grid: size of the cells, and spacing of the grid [m]
     cell: tuple[float, float]
     grid: tuple[float, float]
-    count: tuple[int, int]
-    means: np.ndarray
+    count: tuple[int, int]  # cells in a mean: as many as a cell of the grid holds whole
+    means: np.ndarray  # (mx, my): means of so many cells [m]
 
     @property
     def sizes(self) -> tuple[float, float]:

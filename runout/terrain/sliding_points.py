@@ -36,22 +36,13 @@ RESTING = 0.1  # root mean square speed over its largest, at which the flow has 
 
 @dataclass(frozen=True)
 class Slide:
-    """Slides of some members, until all points rest or have gone.
+    """Slides of some members, until all points rest or have gone."""
 
-    Attributes
-    ----------
-    time : ndarray (steps,)
-        End of each step [s].
-    speed, fastest : ndarray (steps, members)
-        Root mean square and largest speed [m/s].
-    share : ndarray (steps, members)
-        Share of the mass that is on the terrain [1].
-    """
-
-    time: np.ndarray
+    time: np.ndarray  # (steps,): end of each step [s]
+    # speed, fastest: (steps, members): root mean square and largest speed [m/s]
     speed: np.ndarray
     fastest: np.ndarray
-    share: np.ndarray
+    share: np.ndarray  # (steps, members): share of the mass that is on the terrain [1]
 
 
 @dataclass(frozen=True)
@@ -79,23 +70,15 @@ class Ground:
 
 @dataclass
 class Points:
-    """Points that move.
+    """Points that move."""
 
-    Attributes
-    ----------
-    member, release : ndarray (n,)
-        Number of the member and of the release of each point.
-    place, velocity : ndarray (2, n)
-        Local position [m] and velocity in plan [m/s].
-    thinness : ndarray (n,)
-        Thickness of the columns above them, over that for which the resistance was made [1].
-    """
-
+    # member, release: (n,): number of the member and of the release of each point
     member: np.ndarray
     release: np.ndarray
+    # place, velocity: (2, n): local position [m] and velocity in plan [m/s]
     place: np.ndarray
     velocity: np.ndarray
-    thinness: np.ndarray
+    thinness: np.ndarray  # (n,): thickness of the columns above them, over that for which the resistance was made [1]
 
     @classmethod
     def of(cls, releases: Sequence[Release], members: int, points: int) -> "Points":
@@ -134,23 +117,12 @@ class _Gathering:
     """Thickness of a mass by how many of its points lie together, on squares as wide as a part of the releases.
 
     A flow becomes thicker where points gather, in channels and at its front, and thinner as they part.
-
-    Attributes
-    ----------
-    volume : float
-        Volume that one point stands for [m3].
-    size : float
-        Side of a square [m].
-    most : ndarray (releases,)
-        Thickness [m] for which the resistance was made: points that gather further count as this.
-    moved : float
-        Way of the fastest point since the last count [m].
     """
 
-    volume: float
-    size: float
-    most: np.ndarray
-    moved: float = math.inf
+    volume: float  # volume that one point stands for [m3]
+    size: float  # side of a square [m]
+    most: np.ndarray  # (releases,): thickness [m] for which the resistance was made: points that gather further count as this
+    moved: float = math.inf  # way of the fastest point since the last count [m]
 
     @classmethod
     def of(cls, releases: Sequence[Release], points: int, most: Sequence[float]) -> "_Gathering":
@@ -245,21 +217,11 @@ def lateral_pressure(materials: Sequence[Material]) -> np.ndarray:
 
 @dataclass
 class _Squares:
-    """Thickness of the mass at the corners of squares; each point spreads its volume over the nearest four.
+    """Thickness of the mass at the corners of squares; each point spreads its volume over the nearest four."""
 
-    Attributes
-    ----------
-    volume : float
-        Volume that one point stands for [m3].
-    size : float
-        Side of a square [m].
-    peak : ndarray (east, north)
-        Largest thickness so far [m].
-    """
-
-    volume: float
-    size: float
-    peak: np.ndarray = field(repr=False)
+    volume: float  # volume that one point stands for [m3]
+    size: float  # side of a square [m]
+    peak: np.ndarray = field(repr=False)  # (east, north): largest thickness so far [m]
 
     @classmethod
     def under(cls, releases: Sequence[Release], points: int) -> "_Squares":

@@ -32,24 +32,12 @@ ROTATED = 1e-9  # share of a cell by which a row or column may lean: the digits 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What the values of a raster are.
+    """What the values of a raster are."""
 
-    Attributes
-    ----------
-    name : str
-        For messages.
-    unit : str
-        Of the values once they are read, as of :func:`runout.io.units.factor_to`.
-    error : type of InputError
-        Error that is raised.
-    variables : tuple of str
-        Names or standard names of a NetCDF variable, the likeliest first.
-    """
-
-    name: str
-    unit: str
-    error: type[InputError]
-    variables: tuple[str, ...]
+    name: str  # for messages
+    unit: str  # of the values once they are read, as of :func:`runout.io.units.factor_to`
+    error: type[InputError]  # error that is raised
+    variables: tuple[str, ...]  # names or standard names of a NetCDF variable, the likeliest first
 
     @property
     def values(self) -> str:

@@ -25,21 +25,11 @@ Window = tuple[slice, slice]
 
 @dataclass(frozen=True)
 class Held:
-    """Frames that a file of a simulation holds.
+    """Frames that a file of a simulation holds."""
 
-    Attributes
-    ----------
-    frames : int
-        Number of snapshots.
-    planned : int
-        Number of snapshots that were asked for; fewer are there if the run ended early.
-    particles : bool
-        Whether they have particles.
-    """
-
-    frames: int = 0
-    planned: int = 0
-    particles: bool = False
+    frames: int = 0  # number of snapshots
+    planned: int = 0  # number of snapshots that were asked for; fewer are there if the run ended early
+    particles: bool = False  # whether they have particles
 
 
 def held(path: Path) -> Held:

@@ -25,30 +25,14 @@ TEXT_HEIGHT = 45.0  # of the picture, per height of its text
 
 @dataclass(frozen=True)
 class Look:
-    """How a scene is drawn.
+    """How a scene is drawn."""
 
-    Attributes
-    ----------
-    colour : str
-        "thickness" or "speed".
-    show : str
-        "surface" or "particles".
-    direction : tuple of float or None
-        Azimuth and elevation of the camera [rad]; None: the best.
-    size : tuple of int
-        Width and height [pixel].
-    caption : str
-        Second line of the picture, instead of the time of the frame.
-    top : float
-        Value of the last colour; 0: that of the scene.
-    """
-
-    colour: str = "thickness"
-    show: str = "surface"
-    direction: tuple[float, float] | None = None
-    size: tuple[int, int] = (1280, 720)
-    caption: str = ""
-    top: float = 0.0
+    colour: str = "thickness"  # "thickness" or "speed"
+    show: str = "surface"  # "surface" or "particles"
+    direction: tuple[float, float] | None = None  # azimuth and elevation of the camera [rad]; None: the best
+    size: tuple[int, int] = (1280, 720)  # width and height [pixel]
+    caption: str = ""  # second line of the picture, instead of the time of the frame
+    top: float = 0.0  # value of the last colour; 0: that of the scene
 
 
 def _plotter(off_screen: bool, size: tuple[int, int]) -> Any:

@@ -18,50 +18,29 @@ Mesh = tuple[np.ndarray, np.ndarray]  # points (n, 3) in map coordinates [m], an
 
 @dataclass(frozen=True)
 class FlowScene:
-    """Ground and frames of a flow on the cells of a window, row 0 in the north.
+    """Ground and frames of a flow on the cells of a window, row 0 in the north."""
 
-    Attributes
-    ----------
-    easting, northing : ndarray (columns,), (rows,)
-        Cell centres [m]; northing descends.
-    ground : ndarray (rows, columns)
-        Elevation below the flow [m]: the sliding surface of an excavated release, the terrain elsewhere; NaN where unknown.
-    times : ndarray (frames,)
-        [s]
-    thickness, speed : ndarray (frames, rows, columns)
-        Vertical thickness [m] and speed [m/s]; NaN or 0 where there is no flow.
-    title : str
-        First line of the picture.
-    least_thickness : float
-        Thinner flow is not drawn [m].
-    outlines : sequence of ndarray (n, 2)
-        Closed lines in map coordinates [m]: outlines of releases.
-    meshes : mapping of str to Mesh
-        Structures by name.
-    lift : ndarray (frames, rows, columns) or None
-        Height above the ground [m] of the structure that the flow lies on, 0 elsewhere.
-    particles : ndarray (frames, n, 4) or None
-        Easting, northing, elevation [m] and speed [m/s]; NaN for particles that are no longer there.
-    image : ndarray (height, width, 3) of uint8, or None
-        Picture of exactly the window, north up, instead of the hillshade.
-    crs : str or None
-        Coordinate system as WKT.
-    """
-
+    # easting, northing: (columns,): cell centres [m]; northing descends
     easting: np.ndarray
     northing: np.ndarray
+    # (rows, columns): elevation below the flow [m]: the sliding surface of an excavated release, the terrain elsewhere; NaN where
+    # unknown
     ground: np.ndarray
-    times: np.ndarray
+    times: np.ndarray  # (frames,) [s]
+    # thickness, speed: (frames, rows, columns): vertical thickness [m] and speed [m/s]; NaN or 0 where there is no flow
     thickness: np.ndarray
     speed: np.ndarray
-    title: str = ""
-    least_thickness: float = LEAST_SHOWN
-    outlines: Sequence[np.ndarray] = ()
-    meshes: Mapping[str, Mesh] = field(default_factory=dict)
+    title: str = ""  # first line of the picture
+    least_thickness: float = LEAST_SHOWN  # thinner flow is not drawn [m]
+    outlines: Sequence[np.ndarray] = ()  # (n, 2): closed lines in map coordinates [m]: outlines of releases
+    meshes: Mapping[str, Mesh] = field(default_factory=dict)  # structures by name
+    # (frames, rows, columns): height above the ground [m] of the structure that the flow lies on, 0 elsewhere
     lift: np.ndarray | None = None
+    # (frames, n, 4): easting, northing, elevation [m] and speed [m/s]; NaN for particles that are no longer there
     particles: np.ndarray | None = None
+    # (height, width, 3) of uint8: picture of exactly the window, north up, instead of the hillshade
     image: np.ndarray | None = None
-    crs: str | None = None
+    crs: str | None = None  # coordinate system as WKT
 
     @property
     def cell_size(self) -> tuple[float, float]:

@@ -18,37 +18,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StructureReader:
-    """How files of one format become structures.
+    """How files of one format become structures."""
 
-    Attributes
-    ----------
-    kind : str
-        What messages call the content of a file: "a mesh".
-    suffixes : tuple of str
-        Endings of the names of the files, in lower case; empty for what reads all others.
-    keys : tuple of str
-        Keys of ``structures`` in site.yaml that have a meaning with these files, beside ``file``, ``name``, ``clearance``,
-        ``friction_angle_deg`` and ``protects``, which all have.
-    read : callable
-        Bodies of a file on a terrain, problems and changes; raises nothing for what is wrong in the file.
-    require_readable : callable
-        Raises InputError if a file cannot be read, wherever its structures stand.
-    has_units : bool
-        Whether ``units`` must be stated.
-    has_attributes : bool
-        Whether ``clearance`` may name an attribute.
-    is_refused : bool
-        Whether the format is known and not read; a reader of the same ending takes its place.
-    """
-
-    kind: str
-    suffixes: tuple[str, ...]
+    kind: str  # what messages call the content of a file: "a mesh"
+    suffixes: tuple[str, ...]  # endings of the names of the files, in lower case; empty for what reads all others
+    # keys of `structures` in site.yaml that have a meaning with these files, beside `file`, `name`, `clearance`,
+    # `friction_angle_deg` and `protects`, which all have
     keys: tuple[str, ...]
+    # bodies of a file on a terrain, problems and changes; raises nothing for what is wrong in the file
     read: "Callable[[StructureSource, Terrain], Read]"
+    # raises InputError if a file cannot be read, wherever its structures stand
     require_readable: "Callable[[StructureSource], object]"
-    has_units: bool = False
-    has_attributes: bool = False
-    is_refused: bool = False
+    has_units: bool = False  # whether `units` must be stated
+    has_attributes: bool = False  # whether `clearance` may name an attribute
+    is_refused: bool = False  # whether the format is known and not read; a reader of the same ending takes its place
 
     def foreign_keys(self) -> Iterator[str]:
         """Keys of other formats that have no meaning with these files."""

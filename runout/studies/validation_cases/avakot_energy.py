@@ -65,24 +65,14 @@ def _lost(chosen: Choice, terrain: runout.Terrain, release: Any) -> dict[str, An
 
 @dataclass
 class Points:
-    """Points of equal mass that fall, land without a rebound and slide, each alone.
+    """Points of equal mass that fall, land without a rebound and slide, each alone."""
 
-    Attributes
-    ----------
-    surface : Surface
-        The ground.
-    place, velocity : ndarray (3, n)
-        Local [m] and [m/s].
-    start : ndarray (n,)
-        Elevation [m] at the start.
-    mu, drag : float
-        Friction coefficient [1], and drag g / (xi h) [1/m], which acts in flight too.
-    """
-
-    surface: Surface
+    surface: Surface  # the ground
+    # place, velocity: (3, n): local [m] and [m/s]
     place: np.ndarray
     velocity: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  # (n,): elevation [m] at the start
+    # mu, drag: friction coefficient [1], and drag g / (xi h) [1/m], which acts in flight too
     mu: float = 0.0
     drag: float = 0.0
 

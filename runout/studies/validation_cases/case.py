@@ -15,20 +15,11 @@ from runout.errors import InputError
 
 @dataclass(frozen=True)
 class ValidationCase:
-    """One case: ``measure(full)`` runs it, coarse for CI or at the sizes of the documentation.
+    """One case: ``measure(full)`` runs it, coarse for CI or at the sizes of the documentation."""
 
-    Attributes
-    ----------
-    name : str
-        Name for the command and of the page.
-    title : str
-    measure : callable
-        Results, ready for JSON.
-    """
-
-    name: str
+    name: str  # name for the command and of the page
     title: str
-    measure: Callable[[bool], dict[str, Any]]
+    measure: Callable[[bool], dict[str, Any]]  # results, ready for JSON
 
 
 def data_folder(name: str, source: str) -> Path:

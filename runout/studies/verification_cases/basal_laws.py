@@ -30,30 +30,15 @@ SLOPE_DEG = 30.0
 
 @dataclass(frozen=True)
 class Layer:
-    """An endless layer on a plane along the grid; gravity is inclined in place of the plane.
-
-    Attributes
-    ----------
-    friction : BasalFriction
-    thickness : float
-        Normal to the slope [m].
-    cells : int
-        Through the thickness.
-    slope_deg : float
-    material : DruckerPrager
-    strength : tuple of float
-        Of the scene; empty for no limit.
-    start : float
-        Speed at the start [m/s].
-    """
+    """An endless layer on a plane along the grid; gravity is inclined in place of the plane."""
 
     friction: BasalFriction
-    thickness: float = 2.0
-    cells: int = 2
+    thickness: float = 2.0  # normal to the slope [m]
+    cells: int = 2  # through the thickness
     slope_deg: float = SLOPE_DEG
     material: DruckerPrager = SNOW
-    strength: tuple[float, ...] = ()
-    start: float = 0.0
+    strength: tuple[float, ...] = ()  # of the scene; empty for no limit
+    start: float = 0.0  # speed at the start [m/s]
 
     @property
     def spacing(self) -> float:

@@ -30,19 +30,11 @@ class ZonesDownSlope:
     Friction may act by a ``lever`` b below the centre of mass. Then the centre of pressure lies b m ahead of it. A rigid body of
     length L presses by p = p_0 (1 + 12 b m x / L^2) at x from its centre, and
     m = (mu_0 + sum(s_i dmu_i)) / (1 - 6 b/L sum(s_i (1 - s_i) dmu_i)).
-
-    Attributes
-    ----------
-    borders : tuple of float
-        Places [m] down the slope at which one zone ends and the next begins, in order.
-    friction : tuple of float
-        Coulomb coefficients [1], one more than borders.
-    drag : tuple of float
-        k [1/m] of each zone, g/(xi h) of Voellmy friction under a thickness h normal to the slope; empty for none.
     """
 
-    borders: tuple[float, ...]
-    friction: tuple[float, ...]
+    borders: tuple[float, ...]  # places [m] down the slope at which one zone ends and the next begins, in order
+    friction: tuple[float, ...]  # Coulomb coefficients [1], one more than borders
+    # k [1/m] of each zone, g/(xi h) of Voellmy friction under a thickness h normal to the slope; empty for none
     drag: tuple[float, ...] = ()
 
     def beyond(self, place: float, length: float) -> np.ndarray:

@@ -114,22 +114,13 @@ def planar(aspect: float, cells: int, material: DruckerPrager | None = None, sam
 
 @dataclass(frozen=True)
 class Deposit:
-    """Deposit of a round column.
+    """Deposit of a round column."""
 
-    Attributes
-    ----------
-    runout : float
-        (R_99 - R_0)/R_0 of 99 % of the mass [1].
-    height : float
-        Thickness over R_0 within a quarter of the radius [1]: mass over area and density, as in maps.
-    claimed : float
-        Volume that the particles of the core claim by their strains, over the space there is [1]. The core reaches to half the
-        radius and half the height: a lattice that has been stretched stands in strings more than a cell apart, and there must
-        be enough of them.
-    """
-
-    runout: float
-    height: float
+    runout: float  # (R_99 - R_0)/R_0 of 99 % of the mass [1]
+    height: float  # thickness over R_0 within a quarter of the radius [1]: mass over area and density, as in maps
+    # volume that the particles of the core claim by their strains, over the space there is [1]. The core reaches to half the radius
+    # and half the height: a lattice that has been stretched stands in strings more than a cell apart, and there must be enough of
+    # them
     claimed: float
 
 

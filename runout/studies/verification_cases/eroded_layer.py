@@ -36,24 +36,15 @@ FINE = (4, 4, 4)  # births per cell: a quarter of the volume of 2 x 2 x 4
 
 @dataclass
 class Layer:
-    """A layer over a bed on level ground under gravity inclined by 30 deg.
+    """A layer over a bed on level ground under gravity inclined by 30 deg."""
 
-    Attributes
-    ----------
-    spacing, length, time : float
-        Of the grid and of the layer [m]; how long it slides [s].
-    bed : Bed or None
-    backend : str
-    run : Run
-        Once :meth:`slide` has been called.
-    """
-
+    # spacing, length, time: of the grid and of the layer [m]; how long it slides [s]
     spacing: float
     length: float
     time: float
     bed: Bed | None
     backend: str = "scan"
-    run: Run = field(init=False)
+    run: Run = field(init=False)  # once :meth:`slide` has been called
 
     def slide(self) -> "Layer":
         """This layer at its end."""

@@ -52,19 +52,12 @@ def front(time: float, lateral: float) -> float:
 
 @dataclass
 class Flume:
-    """A slice of a wide slope, on which a steady discharge enters at a line.
+    """A slice of a wide slope, on which a steady discharge enters at a line."""
 
-    Attributes
-    ----------
-    spacing, time : float
-        Of the grid [m]; how long the flow lasts [s].
-    stated : float
-        Thickness [m] that the inflow states; its speed follows from the discharge.
-    """
-
+    # spacing, time: of the grid [m]; how long the flow lasts [s]
     spacing: float
     time: float
-    stated: float = THICKNESS
+    stated: float = THICKNESS  # thickness [m] that the inflow states; its speed follows from the discharge
 
     @property
     def width(self) -> float:

@@ -52,25 +52,13 @@ def pressure_at_base(time: float) -> float:
 
 @dataclass(frozen=True)
 class Layer:
-    """A slab on a plane along the grid with gravity inclined, or a part of an endless layer.
-
-    Attributes
-    ----------
-    pore : PorePressure
-    size : tuple of float
-        Down the slope, across and normal to it [m].
-    slope_deg : float
-        [deg]
-    material : Material
-    substeps : int
-        Of a transfer, at most.
-    """
+    """A slab on a plane along the grid with gravity inclined, or a part of an endless layer."""
 
     pore: PorePressure
-    size: tuple[float, float, float]
-    slope_deg: float = SLOPE_DEG
+    size: tuple[float, float, float]  # down the slope, across and normal to it [m]
+    slope_deg: float = SLOPE_DEG  # [deg]
     material: Material = STIFF
-    substeps: int = 1
+    substeps: int = 1  # of a transfer, at most
 
     def scene(self) -> Scene:
         """The plane."""

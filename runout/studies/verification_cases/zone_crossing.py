@@ -32,32 +32,16 @@ SLAB = Elastic(density=2000.0, youngs_modulus=2e6, poisson_ratio=0.0)
 
 @dataclass(frozen=True)
 class Crossing:
-    """A slab on a plane along the grid, with gravity inclined, that crosses zones of friction.
+    """A slab on a plane along the grid, with gravity inclined, that crosses zones of friction."""
 
-    Attributes
-    ----------
-    mu : tuple of float
-        Coulomb coefficient of each zone [1].
-    borders : tuple of float
-        Places [m] down the slope at which zones end, in order, one less than zones.
-    xi : tuple of float
-        Turbulence coefficient of each zone [m/s2], for law ``voellmy``; empty for Coulomb friction.
-    sampled : bool
-        Whether a cell takes the friction at its centre, as from a raster, or the mean by area, as from polygons.
-    size : tuple of float
-        Of the slab, down the slope, across and normal to it [m].
-    spacing : float
-        Of the grid [m].
-    start, time : float
-        Speed at the start [m/s]; duration [s].
-    """
-
-    mu: tuple[float, ...] = (0.1, 0.35, 0.6)
-    borders: tuple[float, ...] = (20.6, 35.4)
-    xi: tuple[float, ...] = ()
+    mu: tuple[float, ...] = (0.1, 0.35, 0.6)  # Coulomb coefficient of each zone [1]
+    borders: tuple[float, ...] = (20.6, 35.4)  # places [m] down the slope at which zones end, in order, one less than zones
+    xi: tuple[float, ...] = ()  # turbulence coefficient of each zone [m/s2], for law `voellmy`; empty for Coulomb friction
+    # whether a cell takes the friction at its centre, as from a raster, or the mean by area, as from polygons
     sampled: bool = False
-    size: tuple[float, float, float] = (12.0, 1.0, 0.5)
-    spacing: float = 0.5
+    size: tuple[float, float, float] = (12.0, 1.0, 0.5)  # of the slab, down the slope, across and normal to it [m]
+    spacing: float = 0.5  # of the grid [m]
+    # start, time: speed at the start [m/s]; duration [s]
     start: float = 4.0
     time: float = 4.0
 
