@@ -50,13 +50,7 @@ PRESETS: dict[str, Preset] = {
 
 
 def preset(accuracy: str) -> Preset:
-    """Preset with this name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none.
-    """
+    """Preset with this name. Raises ConfigError if there is none."""
     if accuracy not in PRESETS:
         raise ConfigError(f"accuracy is {accuracy!r}; choose one of {', '.join(PRESETS)}")
     return PRESETS[accuracy]
@@ -65,10 +59,8 @@ def preset(accuracy: str) -> Preset:
 def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[str, Any]) -> dict[str, Any]:
     """cell_size and cfl of a run: values of ``given`` that are not None, else those of the preset, else the defaults.
 
-    Raises
-    ------
-    ConfigError
-        If there is no such preset; if neither cell_size nor accuracy is given; or if nothing is left for accuracy to choose.
+    Raises ConfigError if there is no such preset; if neither cell_size nor accuracy is given; or if nothing is left for accuracy to
+    choose.
     """
     stated = {name: given[name] for name in CHOICES if given.get(name) is not None}
     if accuracy is None:

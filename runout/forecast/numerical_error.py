@@ -115,13 +115,7 @@ def _rounded(value: float, digits: int) -> str:
 
 
 def read_convergence(results: Path) -> Mapping[str, Any]:
-    """Content of ``convergence.json`` of a results folder; empty if there is none.
-
-    Raises
-    ------
-    ObservationError
-        If it is damaged.
-    """
+    """Content of ``convergence.json`` of a results folder; empty if there is none. Raises ObservationError if it is damaged."""
     path = Path(results) / "convergence.json"
     if not path.is_file():
         return {}
@@ -137,10 +131,7 @@ def read_convergence(results: Path) -> Mapping[str, Any]:
 def require_error_bars(content: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
     """Content of ``convergence.json``, checked for the entries that are printed: error bars and finest cell size.
 
-    Raises
-    ------
-    StorageError
-        If an entry is missing or has another type; the message names the first one.
+    Raises StorageError if an entry is missing or has another type; the message names the first one.
     """
     wrong = next(_faults(content), None)
     if wrong:

@@ -64,13 +64,9 @@ def _refusal(folder: Path) -> int:
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Temporary path to write to; it becomes ``path`` when the block ends, and vanishes when the block fails.
 
-    The temporary file has the final name, in a new folder ``.name.*.part`` beside it: format drivers see the suffix
-    they expect, no pattern such as ``*.nc`` finds it, and side files of a driver go with it.
-
-    Raises
-    ------
-    StorageError
-        If the folder cannot be made or written, or the disk is full. An older file of that name stays as it is.
+    The temporary file has the final name, in a new folder ``.name.*.part`` beside it: format drivers see the suffix they expect, no
+    pattern such as ``*.nc`` finds it, and side files of a driver go with it. Raises StorageError if the folder cannot be made or
+    written, or the disk is full. An older file of that name stays as it is.
     """
     path = Path(path)
     try:

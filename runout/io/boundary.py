@@ -27,10 +27,7 @@ LARGEST_TEXT = 64 * 1024 * 1024  # largest input that is parsed as a whole [byte
 def open_regular(path: str | os.PathLike[str], flags: int) -> int:
     """Descriptor of a regular file, opened with flags of :func:`os.open`; a link is not followed, and a pipe is not waited for.
 
-    Raises
-    ------
-    OSError
-        If it cannot be opened. The number is :data:`NOT_REGULAR` where there is a link, a pipe, a device or a socket.
+    Raises OSError if it cannot be opened. The number is :data:`NOT_REGULAR` where there is a link, a pipe, a device or a socket.
     """
     if os.name != "posix" and os.path.islink(path):
         raise OSError(NOT_REGULAR, os.strerror(NOT_REGULAR), str(path))
@@ -80,11 +77,7 @@ def require_regular(path: Path, error: type[InputError]) -> Path:
     """Absolute path of a non-empty regular file whose side files are regular files as well.
 
     The file is not opened, since a pipe would block. Side files share the name up to a dot; libraries open them on their own.
-
-    Raises
-    ------
-    InputError
-        Of the kind ``error``, with the remedy.
+    Raises InputError of the kind ``error`` with the remedy.
     """
     absolute = Path(os.path.abspath(path))
     if str(absolute).startswith("/vsi"):

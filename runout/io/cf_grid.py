@@ -66,10 +66,8 @@ class CfGrid:
 def grid_of(dataset: Any, variable: Any, text: str) -> CfGrid:
     """Place of the cells of a two-dimensional variable (:func:`with_axes`); ``text`` names its file in messages.
 
-    Raises
-    ------
-    DemError
-        If a coordinate is missing, uneven or of an unknown unit, if its system is not understood or does not fit its unit.
+    Raises DemError if a coordinate is missing, uneven or of an unknown unit, if its system is not understood or does not fit its
+    unit.
     """
     x, y = (_coordinate(variable, direction, text) for direction in ("x", "y"))
     units = [_unit_of(coordinate, text) for coordinate in (x, y)]

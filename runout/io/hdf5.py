@@ -24,10 +24,7 @@ Bytes = Any  # ndarray (n,) of uint8
 def require_own_storage(path: Path, error: type[InputError]) -> None:
     """Raise an error if a file is HDF5 and its values lie in other files.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, for external storage, virtual datasets and external links.
+    Raises InputError of the given kind for external storage, virtual datasets and external links.
     """
     if path.is_dir():
         return

@@ -20,12 +20,7 @@ MOST = 20  # problems of a file that are listed
 def read_hydrograph(path: str | PathLike[str]) -> Hydrograph:
     """The hydrograph of a CSV file. Columns are divided by commas, semicolons or tabs; lines that begin with # are left out.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    ConfigError
-        With all rows that cannot be used, each with its line.
+    Raises InputError if the file cannot be read. Raises ConfigError with all rows that cannot be used, each with its line.
     """
     source = as_path(path, InputError)
     require_regular(source, InputError)

@@ -55,10 +55,7 @@ def _occupied(folder: Path) -> StorageError:
 def shared(folder: Path, name: str = ".lock") -> Iterator[None]:
     """Context that several processes, also on several machines, may be in, but none that holds the lock :func:`exclusive`.
 
-    Raises
-    ------
-    StorageError
-        If a process holds it exclusively, or the folder cannot be written.
+    Raises StorageError if a process holds it exclusively, or the folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

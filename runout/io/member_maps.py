@@ -237,13 +237,7 @@ def _moved(span: slice, by: int) -> slice:
 
 
 def read_maps(path: str | os.PathLike[str]) -> "xr.Dataset":
-    """Maps of a member on the whole raster.
-
-    Raises
-    ------
-    StorageError
-        If there is no such file, or it is not that of a member.
-    """
+    """Maps of a member on the whole raster. Raises StorageError if there is no such file, or it is not that of a member."""
     with MemberMaps(path) as member:
         if not member.is_part:
             return netcdf.read(path)

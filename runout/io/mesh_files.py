@@ -59,11 +59,8 @@ def edges_of(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def read_mesh(path: Path, error: type[InputError], formats: Sequence[str] = MESHES) -> list[MeshPart]:
     """Parts of a mesh file that have faces.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if the file is missing, of another format, cut off, has no faces, faces of vertices that it does not
-        hold, or vertices that are no finite numbers.
+    Raises InputError of the given kind if the file is missing, of another format, cut off, has no faces, faces of vertices that it
+    does not hold, or vertices that are no finite numbers.
     """
     names = ", ".join(kind[1:].upper() for kind in formats[:-1]) + f" or {formats[-1][1:].upper()}"
     again = f"export it again as {names}"

@@ -196,10 +196,7 @@ def _write_maps(maps: "Mapping[str, xr.DataArray]", path: Path) -> None:
 def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
     """Dataset of a file or of one of its groups, loaded; missing values are NaN, times are numbers.
 
-    Raises
-    ------
-    StorageError
-        If there is no such file or group, or it is not NetCDF.
+    Raises StorageError if there is no such file or group, or it is not NetCDF.
     """
     import xarray as xr
 
@@ -208,13 +205,7 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Global attributes of a file.
-
-    Raises
-    ------
-    StorageError
-        If there is no such file, or it is not NetCDF.
-    """
+    """Global attributes of a file. Raises StorageError if there is no such file, or it is not NetCDF."""
     import netCDF4
 
     with reading(path), netCDF4.Dataset(path) as file:

@@ -170,10 +170,7 @@ def is_netcdf(name: str) -> bool:
 def open_netcdf(name: Path | str, error: type[InputError], group: str | None = None) -> Iterator[Any]:
     """Open xarray dataset of a local NetCDF file or of a group of it; times are not decoded.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if it is not a regular file or not NetCDF.
+    Raises InputError of the given kind if it is not a regular file or not NetCDF.
     """
     import xarray as xr
 
@@ -261,10 +258,7 @@ class VectorFile:
 def open_vector(path: Path, error: type[InputError]) -> VectorFile:
     """Vector file of a path. Only the file and its side files are read.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if it is not a regular file of a known format, or refers to files that are not read.
+    Raises InputError of the given kind if it is not a regular file of a known format, or refers to files that are not read.
     """
     absolute = require_regular(path, error)
     if absolute.is_dir():

@@ -25,10 +25,7 @@ PATTERN = ".*.part"
 def part_folder(path: Path) -> Iterator[Path]:
     """Context with a new folder beside ``path`` that only this process uses; it is removed at the end.
 
-    Raises
-    ------
-    OSError
-        If it cannot be made.
+    Raises OSError if it cannot be made.
     """
     folder, lock = _new(path)
     remove = partial(shutil.rmtree, folder, ignore_errors=True)
@@ -60,10 +57,7 @@ def _new(path: Path) -> tuple[Path, int | None]:
 def lock_folder(folder: Path, *, wait: bool) -> int | None:
     """Descriptor of the lock of a folder; None if the folder is gone or the file system has no locks.
 
-    Raises
-    ------
-    BlockingIOError
-        If its process lives and ``wait`` is false.
+    Raises BlockingIOError if its process lives and ``wait`` is false.
     """
     if fcntl is None:
         return None

@@ -110,12 +110,8 @@ class PolygonLayer:
     def stated(self, given: float | str, quantity: str, key: str = "") -> np.ndarray:
         """Values (n,) of a quantity of :data:`runout.model.limits.LIMITS`: one number for all polygons, or those of an attribute.
 
-        ``key`` is what site.yaml calls it, for messages; the name of the quantity by default.
-
-        Raises
-        ------
-        ReleaseError
-            If an attribute is missing or no number, or a value lies outside the limits; names the polygon.
+        ``key`` is what site.yaml calls it, for messages; the name of the quantity by default. Raises ReleaseError if an attribute
+        is missing or no number, or a value lies outside the limits; names the polygon.
         """
         place = str(self.source)
         if not isinstance(given, str):
@@ -165,13 +161,9 @@ def read_polygons(
     """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages, ``key`` what chooses the layer.
 
     A list of ``faults`` takes the messages on polygons that are not valid, which are then left out. Slivers below a thousandth of a
-    cell of the terrain are left out with a sentence.
-
-    Raises
-    ------
-    ReleaseError
-        Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
-        features without a geometry, or polygons that are not valid: each with its place and its own remedy.
+    cell of the terrain are left out with a sentence. Raises ReleaseError for a missing or unreadable file, unknown layer, a
+    coordinate system without known transformation, no features, points or lines, features without a geometry, or polygons that are
+    not valid: each with its place and its own remedy.
     """
     drawn = read_drawn(path, terrain, layer, what, key)
     geometry, invalid = drawn.polygons, _invalid(drawn, what)

@@ -65,12 +65,7 @@ def read_lines(
 ) -> tuple[tuple[CrossSection, ...], tuple[str, ...]]:
     """Lines of a vector file, checked on the terrain, and sentences on changes; they may cross cells without elevation.
 
-    ``key`` is what messages call the choice of a layer.
-
-    Raises
-    ------
-    ConfigError
-        With all problems of the file.
+    ``key`` is what messages call the choice of a layer. Raises ConfigError with all problems of the file.
     """
     lines, notes, problems = _read(Path(path), terrain, layer, LINES, key)
     known = replace(terrain, elevation=np.nan_to_num(terrain.elevation))

@@ -58,10 +58,7 @@ def header(path: Path) -> bytes:
 def require_vrt_inside(path: Path, error: type[InputError]) -> list[Path]:
     """Sources of a virtual raster and of its sources. All must lie in the site folder, or without a site in the folder of the VRT.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if a VRT holds anything but plain bands of such files.
+    Raises InputError of the given kind if a VRT holds anything but plain bands of such files.
     """
     found: dict[Path, None] = {}
     _collect(path, root_of(path), error, found, 0)

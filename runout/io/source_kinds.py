@@ -53,10 +53,7 @@ def is_dataset(folder: Path) -> bool:
 def holds_geometries(path: Path) -> bool:
     """Whether a file or folder is a vector source by its content, whatever its name.
 
-    Raises
-    ------
-    InputError
-        If it is a GeoPackage that cannot be read.
+    Raises InputError if it is a GeoPackage that cannot be read.
     """
     if path.is_dir():
         return any(path.glob(GEODATABASE))

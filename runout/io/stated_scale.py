@@ -43,10 +43,7 @@ class StatedScale:
 def stated_scale(dataset: Any, source: Path | str, error: type[InputError]) -> StatedScale:
     """Scale, offset and unit of the first band of an open rasterio dataset, of its side files and of the sources of a VRT.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if a scale is 0 or not finite, or two statements contradict each other.
+    Raises InputError of the given kind if a scale is 0 or not finite, or two statements contradict each other.
     """
     scale, offset, units = dataset.scales[0], dataset.offsets[0], [dataset.units[0]]
     for key, text in _lines(dataset):
@@ -126,10 +123,7 @@ def _bt_scale(name: str) -> float:
 def _with_sources(band: StatedScale, path: Path, error: type[InputError]) -> StatedScale:
     """What a VRT and its sources state: GDAL copies the numbers of the sources and leaves out what they mean.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if the sources state different meanings, or others than the VRT.
+    Raises InputError of the given kind if the sources state different meanings, or others than the VRT.
     """
     remedy = "convert them before you build the VRT: `gdal_translate -unscale`, `gdal_calc.py`"
     alike: dict[tuple[float, float, float | str], tuple[StatedScale, Path]] = {}

@@ -52,10 +52,7 @@ def part_of(
 ) -> Part:
     """Whole cells that an extent touches; all cells if the extent is None or the raster is rotated.
 
-    Raises
-    ------
-    InputError
-        Of the given kind, if the extent lies beside the raster, or covers less than three cells along a side.
+    Raises InputError of the given kind if the extent lies beside the raster, or covers less than three cells along a side.
     """
     a, b, c, d, e, f = transform
     if extent is None or b != 0 or d != 0:

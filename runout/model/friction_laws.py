@@ -183,13 +183,7 @@ def public_names() -> dict[str, str]:
 
 
 def friction_law_of(friction: BasalFriction) -> FrictionLaw:
-    """The law that a basal friction follows.
-
-    Raises
-    ------
-    ConfigError
-        If its class is not registered.
-    """
+    """The law that a basal friction follows. Raises ConfigError if its class is not registered."""
     return law_followed(FRICTIONS, friction, "register_friction")
 
 

@@ -152,10 +152,7 @@ class FrictionMixture(Mixture[FrictionLaw], FrictionLaw):
 def material_law(laws: Iterable[Law]) -> Law:
     """The law of the material of a run, or the mixture of those that its masses follow.
 
-    Raises
-    ------
-    MaterialError
-        If laws cannot be in one run.
+    Raises MaterialError if laws cannot be in one run.
     """
     ordered = _ordered(laws)
     return ordered[0] if len(ordered) == 1 else _law_mixture(ordered)
@@ -164,10 +161,7 @@ def material_law(laws: Iterable[Law]) -> Law:
 def friction_law(laws: Iterable[FrictionLaw]) -> FrictionLaw:
     """The law of basal friction of a run, or the mixture of those that its masses follow.
 
-    Raises
-    ------
-    ConfigError
-        If laws cannot be in one run.
+    Raises ConfigError if laws cannot be in one run.
     """
     ordered = _ordered(laws)
     return ordered[0] if len(ordered) == 1 else _friction_mixture(ordered)

@@ -158,11 +158,5 @@ def public_names() -> dict[str, str]:
 
 
 def law_of(material: Material) -> Law:
-    """The law that a material follows.
-
-    Raises
-    ------
-    MaterialError
-        If its class is not registered.
-    """
+    """The law that a material follows. Raises MaterialError if its class is not registered."""
     return law_followed(LAWS, material, "register_law")

@@ -139,10 +139,7 @@ def checked_within(valid: Range, what: str, value: Any, *, error: Callable[[str]
 def checked_radians(name: str, value: Any, what: str, *, error: Callable[[str], Exception] = InputError) -> float:
     """An angle [rad] as a number, within the limits of a quantity of :data:`LIMITS` in degrees; ``what`` names it in messages.
 
-    Raises
-    ------
-    error
-        If it is not a finite number or outside the limits; for a number of degrees the remedy converts it.
+    Raises the given error if it is not a finite number or outside the limits; for a number of degrees the remedy converts it.
     """
     valid = LIMITS[name]
     if not is_number(value) or not math.isfinite(value):
@@ -158,10 +155,8 @@ def checked_radians(name: str, value: Any, what: str, *, error: Callable[[str], 
 def checked_coefficient(value: float, what: str, *, error: Callable[[str], Exception] = InputError) -> float:
     """A Coulomb coefficient [1], the tangent of a friction angle; ``what`` names it in messages.
 
-    Raises
-    ------
-    error
-        If it is not a finite number, or that of no friction angle; for a number of degrees the remedy converts it.
+    Raises the given error if it is not a finite number, or that of no friction angle; for a number of degrees the remedy converts
+    it.
     """
     valid = LIMITS["basal_friction_angle"]
     if not is_number(value) or not math.isfinite(value) or value < 0:

@@ -50,13 +50,7 @@ class Parameter:
         return math.radians(value) if self.is_angle else float(value)
 
     def checked(self, value: Any, error: Callable[[str], Exception] = MaterialError) -> Any:
-        """The value converted to its type.
-
-        Raises
-        ------
-        error
-            If it is not valid; states name, value, and range or choices.
-        """
+        """The value converted to its type. Raises the given error if it is not valid; states name, value, and range or choices."""
         if self.is_automatic and isinstance(value, str) and value == AUTO:
             return AUTO
         if self.valid:

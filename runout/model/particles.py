@@ -183,10 +183,7 @@ def node_range(node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
     """Raise an error unless block indices from the node ``origin`` (3,), by default the lowest, cover particles of nodes (n, 3).
 
-    Raises
-    ------
-    CapacityError
-        With the largest admissible extent [m].
+    Raises CapacityError with the largest admissible extent [m].
     """
     if not len(node):
         return

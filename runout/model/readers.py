@@ -23,10 +23,7 @@ def declared_readers() -> dict[str, str]:
 def reader(constructor: str) -> Callable[..., Any]:
     """The function behind a constructor, such as ``Terrain.from_raster``.
 
-    Raises
-    ------
-    KeyError
-        If no reader is declared under this name.
+    Raises KeyError if no reader is declared under this name.
     """
     module, _, function = _HOMES[constructor].partition(":")
     return getattr(import_module(module), function)  # type: ignore[no-any-return]

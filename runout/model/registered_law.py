@@ -51,10 +51,7 @@ def _globals_of(function: FunctionType) -> Iterator[tuple[str, object]]:
 def require_shared_subset(function: FunctionType) -> None:
     """Raise an error unless a function keeps to the subset of Python that numba, warp and Python share.
 
-    Raises
-    ------
-    MaterialError
-        Lists file, line and remedy of each construct outside the subset.
+    Raises MaterialError with file, line and remedy of each construct outside the subset.
     """
     modules = [n for n, v in _globals_of(function) if isinstance(v, ModuleType) and v.__name__ not in USABLE_MODULES]
     tree = ast.parse(textwrap.dedent(_source(function))).body[0]

@@ -67,10 +67,7 @@ class Registry(Generic[Entry]):
     def find(self, name: str) -> Entry:
         """The entry of a name; imports its module if necessary.
 
-        Raises
-        ------
-        error
-            If there is none, two packages have one, or the package cannot be imported.
+        Raises the given error if there is none, two packages have one, or the package cannot be imported.
         """
         if name not in self._entries and name in modules_of(self.package):
             importlib.import_module(f"{self.package}.{name}")

@@ -101,10 +101,7 @@ def _mean_gradient(release: "Release") -> np.ndarray:
 def checked_velocity(velocity: Any, what: str) -> "StartVelocity | tuple[float, float, float] | None":
     """The velocity of a release: a speed down the slope [m/s], a :class:`StartVelocity`, or components east, north and up [m/s].
 
-    Raises
-    ------
-    ReleaseError
-        For something else, or a value out of range.
+    Raises ReleaseError for something else, or a value out of range.
     """
     if isinstance(velocity, StartVelocity):
         return velocity if velocity.speed else None

@@ -82,12 +82,8 @@ def compiled_code() -> Cache:
 def prepare() -> None:
     """Replace cache folders that cannot be written, or that are not safe, by temporary ones, here and in child processes.
 
-    Variables that the user has set are not changed.
-
-    Raises
-    ------
-    ConfigError
-        If such a variable names a folder that every user can write: compiled code of others would run.
+    Variables that the user has set are not changed. Raises ConfigError if such a variable names a folder that every user can write:
+    compiled code of others would run.
     """
     for cache in all_caches():
         fault = cache.fault()

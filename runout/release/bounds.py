@@ -24,10 +24,7 @@ class Place:
 def polygon_bounds(path: Path, layer: str | None, elevations: Any) -> Place:
     """Bounds of the polygons of a layer. GeoJSON outside the range of degrees is taken to be in the system of the ``elevations``.
 
-    Raises
-    ------
-    ReleaseError
-        If the file cannot be read or has no bounds.
+    Raises ReleaseError if the file cannot be read or has no bounds.
     """
     frame, driver = read_frame(path, layer, "release")
     edges = np.asarray(frame.total_bounds, float)
@@ -43,10 +40,8 @@ def polygon_bounds(path: Path, layer: str | None, elevations: Any) -> Place:
 def thickness_bounds(path: Path, remedy: str) -> Place:
     """Bounds of the cells of a raster that hold a thickness.
 
-    Raises
-    ------
-    ReleaseError
-        If the file cannot be read, holds no thickness, or is so large that its extent must be stated: ``remedy`` says how.
+    Raises ReleaseError if the file cannot be read, holds no thickness, or is so large that its extent must be stated: ``remedy``
+    says how.
     """
     with errors_as(ReleaseError), open_source(path, THICKNESS) as source:
         rows, columns = source.header.shape

@@ -33,13 +33,7 @@ class Columns:
 
     @classmethod
     def of(cls, release: Release, size: tuple[float, float], layer: float) -> "Columns":
-        """Columns that hold enough of a release for particles.
-
-        Raises
-        ------
-        ReleaseError
-            If it is too thin for any.
-        """
+        """Columns that hold enough of a release for particles. Raises ReleaseError if it is too thin for any."""
         _, edges = _occupied(release)
         first = [int(np.floor(e[0] / h + ROUND_OFF)) for e, h in zip(edges, size, strict=True)]
         last = [int(np.ceil(e[-1] / h - ROUND_OFF)) for e, h in zip(edges, size, strict=True)]

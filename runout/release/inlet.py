@@ -154,12 +154,8 @@ def places_in(polygon: Any, count: int) -> np.ndarray:
 def mass_at(inflow: Inflow) -> Release:
     """The mass of an inflow as forecasts see it: on the surface at the line, or in the polygon, as thick and fast as at the most.
 
-    It covers a strip of :data:`STRIP` cells of the terrain downslope of a line. Its volume is not that of the hydrograph.
-
-    Raises
-    ------
-    ConfigError
-        If it leaves the terrain, or lies on cells without elevation.
+    It covers a strip of :data:`STRIP` cells of the terrain downslope of a line. Its volume is not that of the hydrograph. Raises
+    ConfigError if it leaves the terrain, or lies on cells without elevation.
     """
     import shapely
 

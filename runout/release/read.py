@@ -363,10 +363,7 @@ def matched(thickness: np.ndarray, cell_area: float, volume: float | None, sourc
 def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
     """Values (nx, ny) from the south-west, 0 for nodata; local edges ``(x, y)`` [m]; sentences on assumptions.
 
-    Raises
-    ------
-    ReleaseError
-        If the file cannot be read as one of elevations could be, or its system has no known transformation.
+    Raises ReleaseError if the file cannot be read as one of elevations could be, or its system has no known transformation.
     """
     with errors_as(ReleaseError), open_source(path, THICKNESS) as source:
         header = source.header
@@ -408,10 +405,7 @@ def _around(terrain: Terrain, placed: ToTerrain, transform: tuple[float, ...]) -
 def _values(path: Path, raster: ElevationRaster) -> np.ndarray:
     """Thickness (rows, columns) [m], north up, 0 where the raster holds none.
 
-    Raises
-    ------
-    ReleaseError
-        If a cell is infinite, or its absolute value exceeds the largest thickness: often it marks missing values.
+    Raises ReleaseError if a cell is infinite, or its absolute value exceeds the largest thickness: often it marks missing values.
     """
     values = np.where(np.isnan(raster.values), 0.0, raster.values)
     if np.isinf(values).any():

@@ -38,10 +38,7 @@ def read_inflow(
 ) -> Inflow:
     """Inflow of :meth:`runout.Inflow.from_vector`; ``kind`` "line" or "polygon" is what the file holds, by default whichever it is.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be used, with place, value and remedy.
+    Raises InputError if a file cannot be used, with place, value and remedy.
     """
     source = as_path(path, InputError)
     what = kind or _kind_of(path, layer)

@@ -30,13 +30,7 @@ ELEVATION = "topographic__elevation"
 
 
 def landlab_components() -> Any:
-    """The module ``landlab.components``.
-
-    Raises
-    ------
-    LibraryError
-        If landlab is not installed or cannot be imported.
-    """
+    """The module ``landlab.components``. Raises LibraryError if landlab is not installed or cannot be imported."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -113,13 +107,9 @@ class Drainage:
 def drainage(terrain: "Terrain") -> Drainage:
     """Drainage of a terrain along the steepest of eight directions, over the filled sinks.
 
-    Sinks are filled with the priority flood of Barnes et al. (2014, Comput. Geosci. 62:117), flats with a minute gradient, so
-    that all water reaches an open edge (landlab's SinkFillerBarnes and FlowAccumulator; O'Callaghan and Mark 1984 for D8).
-
-    Raises
-    ------
-    LibraryError
-        If landlab is missing.
+    Sinks are filled with the priority flood of Barnes et al. (2014, Comput. Geosci. 62:117), flats with a minute gradient, so that
+    all water reaches an open edge (landlab's SinkFillerBarnes and FlowAccumulator; O'Callaghan and Mark 1984 for D8). Raises
+    LibraryError if landlab is missing.
     """
     components, grid = landlab_components(), raster_grid(terrain)
     components.SinkFillerBarnes(grid, method="D8", fill_flat=False).run_one_step()

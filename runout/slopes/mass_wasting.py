@@ -58,14 +58,8 @@ class Baseline:
 def mass_wasting(terrain: "Terrain", releases: "Sequence[Release]", parameters: MassWasting) -> Baseline:
     """The runout of all releases together.
 
-    Raises
-    ------
-    ConfigError, InputError
-        If the stated cell size would take too long, or the releases hold no mass on its cells.
-    StabilityError
-        If the automaton fails.
-    LibraryError
-        If landlab is missing.
+    Raises ConfigError or InputError if the stated cell size would take too long, or the releases hold no mass on its cells. Raises
+    StabilityError if the automaton fails. Raises LibraryError if landlab is missing.
     """
     landlab_components()
     thickness = np.sum([r.thickness for r in releases], axis=0)

@@ -34,10 +34,7 @@ def is_raster(path: Path) -> bool:
 def read_place(path: Path, out: Path | None) -> Place:
     """The place of a site folder, a site.yaml or an elevation raster.
 
-    Raises
-    ------
-    ConfigError, DemError
-        If the site or the raster cannot be used.
+    Raises ConfigError or DemError if the site or the raster cannot be used.
     """
     if is_raster(path):
         name = path.stem.removeprefix("matplotlib:")

@@ -233,13 +233,7 @@ def write(
     suggestion: Suggestion | None,
     record: Mapping[str, Any],
 ) -> None:
-    """Write all files of a folder; those of an earlier call are removed first.
-
-    Raises
-    ------
-    StorageError
-        If a file cannot be written.
-    """
+    """Write all files of a folder; those of an earlier call are removed first. Raises StorageError if a file cannot be written."""
     for old in (PAGE, RECORD, MAPS, TERRAIN_LAYERS, RELEASE, *(f"{map_}{end}" for map_ in OWN_MAPS for end in (".tif", ".qml"))):
         (folder / old).unlink(missing_ok=True)
     patches = suggestion.patches if suggestion else []

@@ -38,12 +38,8 @@ def build_structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[f
 
     The lattice has half the smallest spacing; one of its nodes lies at local position 0. The distance is exact at its nodes, that
     to the surface of the union of the bodies: walls between bodies that touch are none. Patches are what is above the ground. The
-    last few that were made are kept (:mod:`runout.terrain.content_store`).
-
-    Raises
-    ------
-    CapacityError
-        If structures lie so far apart that the table of blocks does not fit into memory.
+    last few that were made are kept (:mod:`runout.terrain.content_store`). Raises CapacityError if structures lie so far apart that
+    the table of blocks does not fit into memory.
     """
     if not solids:
         return None

@@ -15,12 +15,8 @@ from runout.terrain.mesh import Overhangs, overhangs_on
 def read_overhangs(path: str | PathLike[str], terrain: Terrain, friction_angle_deg: float | None = None) -> list[Solid]:
     """Bodies of what overhangs a terrain in the mesh that it was made of.
 
-    ``friction_angle_deg`` is that of the rock; by default it is that of the ground under the mass.
-
-    Raises
-    ------
-    DemError
-        If the file cannot be used, or the terrain was not made of a mesh.
+    ``friction_angle_deg`` is that of the rock; by default it is that of the ground under the mass. Raises DemError if the file
+    cannot be used, or the terrain was not made of a mesh.
     """
     friction = math.nan
     if friction_angle_deg is not None:

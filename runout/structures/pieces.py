@@ -39,12 +39,7 @@ def bisected(corners: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarra
     """Triangles (m, 3, 3) with edges of ``longest`` [m] at most, and the row (m,) of the triangle that each is part of.
 
     The longest edge is halved again and again (Rivara 1984): areas add up exactly, and no angle gets smaller than half of the
-    smallest one of its triangle.
-
-    Raises
-    ------
-    StructureError
-        If there would be more than :data:`MOST_PIECES`.
+    smallest one of its triangle. Raises StructureError if there would be more than :data:`MOST_PIECES`.
     """
     expected = 2.0 * float(normals_and_areas(corners)[1].sum()) / longest**2
     if expected > MOST_PIECES:

@@ -38,12 +38,8 @@ class Bodies:
 def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequence[str] = ()) -> Bodies:
     """The bodies of files, each on the ground or above it.
 
-    ``keys`` are what names each file, for messages; they begin those of its bodies, too.
-
-    Raises
-    ------
-    StructureError
-        With all problems of all files.
+    ``keys`` are what names each file, for messages; they begin those of its bodies, too. Raises StructureError with all problems of
+    all files.
     """
     read = [reader_of(source.path).read(source, terrain) for source in sources]
     begin = [f"{key}: " for key in keys] or [""] * len(read)

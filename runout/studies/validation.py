@@ -74,13 +74,7 @@ def command(cases: Sequence[str], full: bool, out: Path | None) -> ExitCode:
 
 
 def named(name: str) -> ValidationCase:
-    """The case of a name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none.
-    """
+    """The case of a name. Raises ConfigError if there is none."""
     found = CASES.get(name.lower().replace("-", "_"))
     if found is None:
         raise ConfigError(f"there is no case {name!r}; choose among {', '.join(CASES)}")

@@ -116,12 +116,7 @@ def run_plane(
     """Errors of the sliding box on one plane, with its set-up and the seconds taken.
 
     Angles in degrees, the offset in cells above a node; ``settled`` False starts from the stresses of a slab, unbalanced on the
-    box's free faces. Keys as in :func:`sliding_box.summary`.
-
-    Raises
-    ------
-    ConfigError
-        If an angle or the offset is out of its range.
+    box's free faces. Keys as in :func:`sliding_box.summary`. Raises ConfigError if an angle or the offset is out of its range.
     """
     spacing = 0.05 if full else 0.1
     plane = sliding_box.Plane(slope, azimuth, offset, spacing, precision=precision, settled=settled)
@@ -138,12 +133,8 @@ def command(
 ) -> ExitCode:
     """Command ``runout verify``: runs the cases, or the sliding box on one ``plane``, and writes or prints the findings.
 
-    ``json_file`` holds no path to print JSON on standard output, one to write it there; None for neither.
-
-    Raises
-    ------
-    ConfigError
-        If a plane is given for other cases than the sliding box, and as :func:`run`.
+    ``json_file`` holds no path to print JSON on standard output, one to write it there; None for neither. Raises ConfigError if a
+    plane is given for other cases than the sliding box, and as :func:`run`.
     """
     if not plane:
         findings = run(cases, full, out)

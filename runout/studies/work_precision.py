@@ -67,12 +67,7 @@ class Choices:
 def run(choices: Choices, json_file: Path | None = None, figure: Path | None = None) -> dict[str, Any]:
     """Measure, write JSON and figure if requested, and return the content of the JSON.
 
-    Raises
-    ------
-    ConfigError, DeviceError
-        A choice that cannot be measured.
-    StorageError
-        A file that cannot be written.
+    Raises ConfigError or DeviceError for a choice that cannot be measured. Raises StorageError for a file that cannot be written.
     """
     from runout.io.atomic import write_json
 

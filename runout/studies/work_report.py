@@ -44,10 +44,7 @@ def cost_table(content: dict[str, Any]) -> str:
 def draw(content: dict[str, Any], file: Path) -> Path:
     """The path, after drawing the four panels to it: size, stages, sparsity, comparisons.
 
-    Raises
-    ------
-    StorageError
-        If the file cannot be written.
+    Raises StorageError if the file cannot be written.
     """
     from matplotlib.figure import Figure
 

@@ -28,10 +28,7 @@ FAR = 10.0  # ratio of a value to all others beyond which it hardly states groun
 def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Terrain, *, law: str | None = None) -> FrictionZones:
     """Parameters of a friction law from rasters; as in :meth:`runout.model.friction.FrictionZones.from_rasters`.
 
-    Raises
-    ------
-    ZoneError
-        With the place, the value and the remedy.
+    Raises ZoneError with the place, the value and the remedy.
     """
     chosen = FRICTIONS.find(law or DEFAULT_FRICTION)
     of_law = {p.key: (p, number) for p, number in zip(chosen.parameters, chosen.numbers, strict=True)}

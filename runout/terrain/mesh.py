@@ -93,10 +93,7 @@ def read_mesh_terrain(
 def overhangs_on(path: str | PathLike[str], terrain: Terrain) -> Overhangs:
     """What overhangs a terrain that was made of the mesh of a file, in its cells.
 
-    Raises
-    ------
-    DemError
-        If the file cannot be used, or the terrain has cells other than those that are made of a mesh.
+    Raises DemError if the file cannot be used, or the terrain has cells other than those that are made of a mesh.
     """
     file, (east, north) = as_path(path, DemError), terrain.cell_size
     places = np.array(terrain.extent) / east

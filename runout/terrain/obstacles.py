@@ -37,12 +37,7 @@ def build(terrain: Terrain, path: str | PathLike[str], height: float | str, laye
     """The terrain, raised by ``height`` [m] inside the polygons of a vector file, or lowered where that is negative.
 
     A cell that a border cuts is raised by the mean over its area, so that the volume of a dam is kept. Its crest is not where the
-    dam is narrower than a cell of the raster, or of the grid of a run.
-
-    Raises
-    ------
-    DemError
-        With the place, the value and the remedy.
+    dam is narrower than a cell of the raster, or of the grid of a run. Raises DemError with the place, the value and the remedy.
     """
     source = Path(path)
     try:

@@ -73,10 +73,8 @@ class Source(Protocol):
 def open_source(path: str | PathLike[str], quantity: Quantity) -> Iterator[Source]:
     """Open raster of a quantity.
 
-    Raises
-    ------
-    InputError
-        Error of the quantity, if the file is missing or unreadable, is rotated, or does not state where it lies or what it holds.
+    Raises InputError of the quantity if the file is missing or unreadable, is rotated, or does not state where it lies or what it
+    holds.
     """
     text = fspath(as_path(path, quantity.error)) if not isinstance(path, str) else path
     if text.lower().endswith(SURFACES):

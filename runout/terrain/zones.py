@@ -34,12 +34,8 @@ def read_zones(
 ) -> FrictionZones:
     """Zones of the polygons of a vector file; parameters as in :meth:`runout.model.friction.FrictionZones.from_vector`.
 
-    What lies beyond the terrain is left out. Overlapping polygons of one value count once.
-
-    Raises
-    ------
-    ZoneError
-        With the place, the value and the remedy.
+    What lies beyond the terrain is left out. Overlapping polygons of one value count once. Raises ZoneError with the place, the
+    value and the remedy.
     """
     source = Path(path)
     if sum(choice is not None for choice in (factor, basal_friction_angle_deg, basal_friction)) != 1:
@@ -132,10 +128,7 @@ def _warned(zones: FrictionZones) -> FrictionZones:
 def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = None) -> FrictionZones:
     """Zones of several files as one; they change what ``rasters`` state, if these are given.
 
-    Raises
-    ------
-    ZoneError
-        If zones of two of them overlap.
+    Raises ZoneError if zones of two of them overlap.
     """
     import shapely
 

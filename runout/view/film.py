@@ -20,12 +20,7 @@ TIMES = "times.csv"
 def kind_of(output: Path) -> str:
     """Suffix of a film: ".mp4", ".gif", or "" for a folder of PNG.
 
-    Raises
-    ------
-    ConfigError
-        If it is another one.
-    RenderError
-        If there is no codec for it.
+    Raises ConfigError if it is another one. Raises RenderError if there is no codec for it.
     """
     kind = output.suffix.lower()
     if kind not in KINDS:
@@ -52,12 +47,8 @@ def has_codec() -> bool:
 def write_film(frames: Sequence[Path], times: Sequence[float], output: Path, fps: float) -> Path:
     """Write PNG files as a film of ``fps`` frames per second, completely or not at all; returns its path.
 
-    A folder of PNG has the time [s] of each file in ``times.csv``; frames of an earlier film there are removed.
-
-    Raises
-    ------
-    ConfigError, RenderError, StorageError
-        If the name states no kind of film, there is no codec, or the film cannot be written.
+    A folder of PNG has the time [s] of each file in ``times.csv``; frames of an earlier film there are removed. Raises ConfigError,
+    RenderError or StorageError if the name states no kind of film, there is no codec, or the film cannot be written.
     """
     kind = kind_of(output)
     if not kind:

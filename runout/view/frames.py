@@ -55,10 +55,7 @@ def flow_scene(
 ) -> FlowScene:  # fmt: skip
     """Scene of ``count`` frames, by default all, in a file of :meth:`runout.Result.to_netcdf`; large windows are coarsened.
 
-    Raises
-    ------
-    StorageError
-        If the file cannot be read.
+    Raises StorageError if the file cannot be read.
     """
     import xarray as xr
 

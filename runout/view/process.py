@@ -52,13 +52,7 @@ def require_packages() -> None:
 
 
 def drawn_by() -> str:
-    """Versions and driver that draw here, found by drawing a small picture.
-
-    Raises
-    ------
-    RenderError
-        If nothing can be drawn.
-    """
+    """Versions and driver that draw here, found by drawing a small picture. Raises RenderError if nothing can be drawn."""
     axis, ground = np.arange(4.0), np.zeros((4, 4))
     scene = FlowScene(axis, axis[::-1], ground, np.zeros(1), ground[None], ground[None])
     with folder_for_job() as folder:

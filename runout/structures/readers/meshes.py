@@ -59,12 +59,8 @@ def read_meshes(source: StructureSource, terrain: Terrain) -> Read:
 def load_parts(source: StructureSource, changes: list[str]) -> list[MeshPart]:
     """Parts of a mesh file, in its units; those that are open are joined where they share vertices, as parts of one material.
 
-    Faces without three corners are left out, which ``changes`` takes.
-
-    Raises
-    ------
-    StructureError
-        If the file is missing or holds no mesh.
+    Faces without three corners are left out, which ``changes`` takes. Raises StructureError if the file is missing or holds no
+    mesh.
     """
     kept = []
     for part in (read.merged() for read in read_mesh(source.path, StructureError)):
@@ -142,12 +138,8 @@ def rounding_of(source: StructureSource, vertices: np.ndarray) -> float:
 def on_terrain(vertices: np.ndarray, source: StructureSource, terrain: Terrain) -> tuple[np.ndarray, list[str]]:
     """Local positions [m] of the vertices of a file, and what was assumed.
 
-    Raises
-    ------
-    StructureError
-        If no units are stated, or all vertices lie beyond the terrain.
-    InputError
-        If the coordinate system is not understood.
+    Raises StructureError if no units are stated, or all vertices lie beyond the terrain. Raises InputError if the coordinate system
+    is not understood.
     """
     path = source.path
     if source.units not in UNITS:

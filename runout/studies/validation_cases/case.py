@@ -23,13 +23,7 @@ class ValidationCase:
 
 
 def data_folder(name: str, source: str) -> Path:
-    """Folder below RUNOUT_DATA; ``source`` says where its files come from.
-
-    Raises
-    ------
-    InputError
-        If it is not there.
-    """
+    """Folder below RUNOUT_DATA; ``source`` says where its files come from. Raises InputError if it is not there."""
     stated = os.environ.get(DATA_FOLDER)
     folder = Path(stated).expanduser() / name if stated else None
     if folder is None or not folder.is_dir():
