@@ -45,8 +45,8 @@ def of_member(number: int) -> Iterator[None]:
 
 def member_of(record: logging.LogRecord) -> int | None:
     """Number of the member of a message; None if it is of none."""
-    stated: int | None = getattr(record, "member", None)
-    return MEMBER.get() if stated is None else stated
+    own: int | None = getattr(record, "member", None)
+    return MEMBER.get() if own is None else own
 
 
 class JsonLines(logging.Formatter):

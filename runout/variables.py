@@ -162,25 +162,25 @@ def _annual(name: str, condition: str) -> dict[str, Variable]:
 
 def _over_members(q: MapQuantity) -> dict[str, Variable]:
     """Maps over the members of a quantity."""
-    found = _exceedance(q.name, f"the {q.extreme} reaches or exceeds the threshold", "that any member reaches at the threshold")
+    variables = _exceedance(q.name, f"the {q.extreme} reaches or exceeds the threshold", "that any member reaches at the threshold")
     if q.percentile:
-        found[q.percentile] = _positive(q.units, f"percentile over the members of the {q.extreme}")
-    found[q.peak] = _positive(q.units, f"largest {q.words} of any member")
+        variables[q.percentile] = _positive(q.units, f"percentile over the members of the {q.extreme}")
+    variables[q.peak] = _positive(q.units, f"largest {q.words} of any member")
     if q.mean:
         mean = f"mean over the members of the {q.extreme}"
-        found[q.mean] = _positive(q.units, f"weighted {mean}")
-        found[q.deviation] = _positive(
+        variables[q.mean] = _positive(q.units, f"weighted {mean}")
+        variables[q.deviation] = _positive(
             q.units, f"standard deviation over the members of the {q.extreme}", "what the sampled parameters leave open; by weight"
         )
-        found[q.standard_error] = _positive(
+        variables[q.standard_error] = _positive(
             q.units, f"standard error of the {mean}", "what the number of members leaves open; estimated as that of probabilities"
         )
-        found[q.numerical_error] = _positive(q.units, f"numerical error of the {mean}", GRID_ERROR)
-    found |= _annual(q.name, f"the {q.extreme} reaches or exceeds the threshold")
+        variables[q.numerical_error] = _positive(q.units, f"numerical error of the {mean}", GRID_ERROR)
+    variables |= _annual(q.name, f"the {q.extreme} reaches or exceeds the threshold")
     if q.at_return_period:
         comment = "largest value that is reached at an annual rate of 1 / return period; missing where the flow arrives less often"
-        found[q.at_return_period] = _positive(q.units, f"{q.extreme} at the return period", comment)
-    return found
+        variables[q.at_return_period] = _positive(q.units, f"{q.extreme} at the return period", comment)
+    return variables
 
 
 _HAZARD_MAPS = {

@@ -56,25 +56,25 @@ def preset(accuracy: str) -> Preset:
     return PRESETS[accuracy]
 
 
-def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[str, Any]) -> dict[str, Any]:
-    """cell_size and cfl of a run: values of ``given`` that are not None, else those of the preset, else the defaults.
+def choices(accuracy: str | None, releases: "Sequence[Release]", settings: Mapping[str, Any]) -> dict[str, Any]:
+    """cell_size and cfl of a run: values of ``settings`` that are not None, else those of the preset, else the defaults.
 
     Raises ConfigError if there is no such preset; if neither cell_size nor accuracy is given; or if nothing is left for accuracy to
     choose.
     """
-    stated = {name: given[name] for name in CHOICES if given.get(name) is not None}
+    explicit = {name: settings[name] for name in CHOICES if settings.get(name) is not None}
     if accuracy is None:
-        if "cell_size" not in stated:
+        if "cell_size" not in explicit:
             raise ConfigError("neither cell_size nor accuracy is given; give one of them, accuracy as screening, standard or high")
-        return {"cfl": CFL, **stated}
+        return {"cfl": CFL, **explicit}
     chosen = preset(accuracy)
-    if len(stated) == len(CHOICES):
+    if len(explicit) == len(CHOICES):
         raise ConfigError(f"accuracy is {accuracy!r}, and {' and '.join(CHOICES)} are both given too; remove one of the three")
     if not releases:
-        return {"cfl": chosen.cfl, **stated}  # the run reports the error
+        return {"cfl": chosen.cfl, **explicit}  # the run reports the error
     volume, area = sum(r.volume for r in releases), sum(r.area for r in releases)
     size = chosen.cell_size(volume / area, min(r.area for r in releases))
-    return {"cell_size": size, "cfl": chosen.cfl, **stated}
+    return {"cell_size": size, "cfl": chosen.cfl, **explicit}
 
 
 def expected_errors(cells: float) -> tuple[float, float]:
@@ -106,16 +106,16 @@ def lines(
     depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
     name, through = f"accuracy {accuracy}: " if accuracy else "", _through(grid, depth)
     cells = f"cells of {_sizes(grid['cell_size'])} with {_count(grid['particles_per_cell'])} particles"
-    said = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; {error_statement(through)}"]
+    rows = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; {error_statement(through)}"]
     for other in PRESETS:
-        given = choices(other, releases, {})
-        count = particles(given["cell_size"])
-        ratio = work({**given, "particles_per_cell": count}) / work(grid)
-        said.append(
-            f"          {other}: {_sizes(given['cell_size'])} with {_count(count)}, {ratio:.3g} times this work; "
-            f"{error_statement(_through(given, depth))}"
+        preset_choices = choices(other, releases, {})
+        count = particles(preset_choices["cell_size"])
+        ratio = work({**preset_choices, "particles_per_cell": count}) / work(grid)
+        rows.append(
+            f"          {other}: {_sizes(preset_choices['cell_size'])} with {_count(count)}, {ratio:.3g} times this work; "
+            f"{error_statement(_through(preset_choices, depth))}"
         )
-    return [*said, f"          ({EXPECTED} {BOUNDS})"]
+    return [*rows, f"          ({EXPECTED} {BOUNDS})"]
 
 
 def error_statement(through: float) -> str:

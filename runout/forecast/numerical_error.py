@@ -100,13 +100,13 @@ def fitted(ratios: Sequence[float], values: Sequence[float], order: float) -> tu
 
 def statements(convergence: Mapping[str, Any]) -> Iterator[str]:
     """Value and error bar of each quantity of ``convergence.json``, as the terminal, the page and the report print them."""
-    for found in convergence["quantities"].values():
-        fine, error = found["fine"], found["error"]
+    for entry in convergence["quantities"].values():
+        fine, error = entry["fine"], entry["error"]
         if fine is None:
-            yield f"{found['title']} ± {100 * error:.2g} %"
+            yield f"{entry['title']} ± {100 * error:.2g} %"
         else:
             percent = f" ({100 * error / abs(fine):.2g} %)" if fine else ""
-            yield f"{found['title']} {_rounded(fine, 4)} ± {_rounded(error, 2)} {found['unit']}{percent}"
+            yield f"{entry['title']} {_rounded(fine, 4)} ± {_rounded(error, 2)} {entry['unit']}{percent}"
 
 
 def _rounded(value: float, digits: int) -> str:

@@ -114,10 +114,10 @@ def chosen_moduli(
     """The ``materials`` with numbers as moduli, as in :func:`stiffness`; nothing is computed where all are stated."""
     if all(not isinstance(m.youngs_modulus, str) for m in materials):
         return tuple(materials)
-    found = stiffness(materials, releases, frictions, strength, zones, bed_ratio)
-    moduli = ", ".join(dict.fromkeys(f"{m.modulus:.3g}" for m in found.materials))
-    LOGGER.info("youngs_modulus %s Pa: %s", moduli, found.statement())
-    return found.materials
+    stiffness_of_run = stiffness(materials, releases, frictions, strength, zones, bed_ratio)
+    moduli = ", ".join(dict.fromkeys(f"{m.modulus:.3g}" for m in stiffness_of_run.materials))
+    LOGGER.info("youngs_modulus %s Pa: %s", moduli, stiffness_of_run.statement())
+    return stiffness_of_run.materials
 
 
 def extremes(runs: Iterable[Mapping[str, Any]]) -> dict[str, list[float]]:
@@ -127,7 +127,7 @@ def extremes(runs: Iterable[Mapping[str, Any]]) -> dict[str, list[float]]:
     return {name: [float(v.min()), float(v.max())] for name, v in values.items()}
 
 
-def sentence_of(found: Mapping[str, Sequence[float]]) -> str:
+def sentence_of(recorded: Mapping[str, Sequence[float]]) -> str:
     """What :func:`extremes` has found, in words."""
-    modulus, speed = (" to ".join(f"{x:.3g}" for x in dict.fromkeys(found[name])) for name in RECORDED)
+    modulus, speed = (" to ".join(f"{x:.3g}" for x in dict.fromkeys(recorded[name])) for name in RECORDED)
     return f"Young's modulus {modulus} Pa, pressure waves of {speed} m/s"

@@ -25,12 +25,12 @@ def parse(crs: Any, source: str) -> Any:
     require_own_grids(str(crs), source, DemError)  # before PROJ opens any file
     try:
         # systems that pyproj builds from parts, such as those of CRS.from_cf, have no horizontal part until they are plain ones
-        found = CRS.from_wkt(crs.to_wkt()) if isinstance(crs, CRS) and type(crs) is not CRS else CRS.from_user_input(crs)
-        horizontal(found)  # some systems can be parsed but not inspected
+        system = CRS.from_wkt(crs.to_wkt()) if isinstance(crs, CRS) and type(crs) is not CRS else CRS.from_user_input(crs)
+        horizontal(system)  # some systems can be parsed but not inspected
     except (CRSError, TypeError, UnicodeError) as error:
         raise DemError(f"{source}: crs {crs!r} is not known ({error}); write for example EPSG:32632") from error
-    require_own_grids(found.to_wkt(), source, DemError)
-    return found
+    require_own_grids(system.to_wkt(), source, DemError)
+    return system
 
 
 def of_raster(crs: Any, source: str) -> Any:
@@ -42,24 +42,24 @@ def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
     """The raster with the stated system; DemError if the file states another one."""
     if crs is None:
         return raster.noted(raster.assumption) if raster.assumption else raster
-    stated = parse(crs, raster.source)
+    system = parse(crs, raster.source)
     if raster.crs is None:
-        return raster.noted(f"the file states no coordinate system; {stated.name} as given", crs=stated)
-    if raster.assumption and _differs_in_datum_only(stated, raster):
-        return raster.noted(f"the file names no datum; {stated.name} as given", crs=stated)
-    if same(raster.crs, stated) and vertical_name(raster.crs) is None:
-        return replace(raster, crs=stated)  # the stated system may add a vertical datum
-    if not same(raster.crs, stated):
+        return raster.noted(f"the file states no coordinate system; {system.name} as given", crs=system)
+    if raster.assumption and _differs_in_datum_only(system, raster):
+        return raster.noted(f"the file names no datum; {system.name} as given", crs=system)
+    if same(raster.crs, system) and vertical_name(raster.crs) is None:
+        return replace(raster, crs=system)  # the stated system may add a vertical datum
+    if not same(raster.crs, system):
         remedy = "leave crs away, or write the right one into the file with `gdal_edit.py -a_srs`"
-        raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {stated.name}; {remedy}")
+        raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {system.name}; {remedy}")
     return raster
 
 
-def _differs_in_datum_only(stated: Any, raster: ElevationRaster) -> bool:
+def _differs_in_datum_only(system: Any, raster: ElevationRaster) -> bool:
     """Whether a system gives the middle of a raster the longitude and latitude of its own one, but for the shift of a datum."""
-    if is_local(stated) or horizontal(stated).is_geographic != horizontal(raster.crs).is_geographic:
+    if is_local(system) or horizontal(system).is_geographic != horizontal(raster.crs).is_geographic:
         return False
-    one, other = (np.array(longitude_latitude(horizontal(crs), *raster.centre)) for crs in (stated, raster.crs))
+    one, other = (np.array(longitude_latitude(horizontal(crs), *raster.centre)) for crs in (system, raster.crs))
     return bool(np.abs(one - other).max() < LARGEST_SHIFT)
 
 
@@ -182,10 +182,10 @@ def _usual_zone(longitude: float, latitude: float) -> Any:
     zone = math.floor((longitude + 180.0) / 6.0) + 1
     if not (1 <= zone <= 60 and -80.0 < latitude < 84.0):
         return None
-    found = CRS.from_epsg((32600 if latitude >= 0.0 else 32700) + zone)
-    area: Any = found.area_of_use
+    system = CRS.from_epsg((32600 if latitude >= 0.0 else 32700) + zone)
+    area: Any = system.area_of_use
     inside = area.west < longitude < area.east and area.south < latitude < area.north
-    return found if inside else None
+    return system if inside else None
 
 
 def utm_for(crs: Any, longitude: float, latitude: float, source: str) -> Any:
@@ -199,8 +199,8 @@ def utm_for(crs: Any, longitude: float, latitude: float, source: str) -> Any:
         return usual
     place = AreaOfInterest(longitude, latitude, longitude, latitude)
     for datum in (crs.geodetic_crs.name, "WGS 84"):
-        found = [c for c in query_utm_crs_info(datum, place) if c.name.startswith(f"{datum} / UTM zone") and "(" not in c.name]
-        if found:
-            return CRS.from_authority(found[0].auth_name, found[0].code)
+        candidates = [c for c in query_utm_crs_info(datum, place) if c.name.startswith(f"{datum} / UTM zone") and "(" not in c.name]
+        if candidates:
+            return CRS.from_authority(candidates[0].auth_name, candidates[0].code)
     remedy = "project it first, for example `gdalwarp -t_srs EPSG:3413` (north) or EPSG:3031 (south)"
     raise DemError(f"{source}: no UTM zone covers longitude {longitude:.3f}, latitude {latitude:.3f}; {remedy}")

@@ -28,7 +28,7 @@ def require_usable(transform: Sequence[float], source: Path | str, error: type[I
 
 def file_named_by(text: str) -> str | None:
     """File or address that a coordinate system (PROJ or WKT text) names, apart from the grids of PROJ; None if there is none."""
-    named = [name for found in GRIDS.findall(text) for part in found for name in part.split(",")]
+    named = [name for match in GRIDS.findall(text) for part in match for name in part.split(",")]
     return next((name for name in named if re.search(r"[/\\]|:.*:", name)), None)
 
 

@@ -111,19 +111,19 @@ def statistics(known: np.ndarray, cells: int) -> dict[str, str]:
     """Statistics of the known values (n,) of ``cells`` with the keys of GDAL; empty if no value is known."""
     if known.size == 0:
         return {}
-    found = {"MINIMUM": known.min(), "MAXIMUM": known.max(), "MEAN": known.mean(dtype=np.float64)}
-    found |= {"STDDEV": known.std(dtype=np.float64), "VALID_PERCENT": 100.0 * known.size / cells}
-    return {f"STATISTICS_{name}": f"{float(value):.14g}" for name, value in found.items()}
+    tags = {"MINIMUM": known.min(), "MAXIMUM": known.max(), "MEAN": known.mean(dtype=np.float64)}
+    tags |= {"STDDEV": known.std(dtype=np.float64), "VALID_PERCENT": 100.0 * known.size / cells}
+    return {f"STATISTICS_{name}": f"{float(value):.14g}" for name, value in tags.items()}
 
 
 def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, float]) -> dict[str, Any]:
     variable = VARIABLES[str(layer.name)]
-    stated = {key: dataset.attrs[key] for key in _CARRIED if key in dataset.attrs}
-    stated |= {key: layer.attrs[key] for key in _OF_CLASSES if key in layer.attrs}
+    tags = {key: dataset.attrs[key] for key in _CARRIED if key in dataset.attrs}
+    tags |= {key: layer.attrs[key] for key in _OF_CLASSES if key in layer.attrs}
     chosen = {dim: _printed(dim, value) for dim, value in selection.items()}
     chosen |= {str(name): str(text.item()) for name, text in layer.coords.items() if text.ndim == 0 and text.dtype.kind in "OU"}
     described = variable.attributes() | {"units": variable.printed[0]}
-    return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | described | chosen | stated
+    return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | described | chosen | tags
 
 
 def _printed(name: str, value: float) -> str:

@@ -90,10 +90,10 @@ def _names_marks(content: Bytes, start: int, places: Bytes, size: int, mark: byt
     for k in range(size):
         target += content[places + k].astype(np.uint64) << np.uint64(8 * k)
     target = target[target <= len(content) - len(mark)].astype(np.int64)
-    found = np.ones(len(target), bool)
+    matches = np.ones(len(target), bool)
     for k, byte in enumerate(mark):
-        found &= content[target + k] == byte
-    return bool(found.any())
+        matches &= content[target + k] == byte
+    return bool(matches.any())
 
 
 def _is_external_link(content: Bytes, place: int) -> bool:

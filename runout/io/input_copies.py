@@ -255,11 +255,11 @@ def files_of(source: Path | str) -> list[Path]:
     if path.is_dir():
         listed = {_key(p): p for p in (*path.iterdir(), *_raster_files(path)) if p.is_file()}
         return [listed[key] for key in sorted(listed)]
-    found: dict[str, Path] = {}
-    _collect(path, found, DEEPEST)
+    files: dict[str, Path] = {}
+    _collect(path, files, DEEPEST)
     for other in _raster_files(source) if path != Path(source) else ():
-        found.setdefault(_key(other), other)
-    sides = sorted(other for key, other in found.items() if key != _key(path))
+        files.setdefault(_key(other), other)
+    sides = sorted(other for key, other in files.items() if key != _key(path))
     return [path, *sides]
 
 
@@ -267,19 +267,19 @@ def _key(path: Path) -> str:
     return os.path.abspath(path)
 
 
-def _collect(path: Path, found: dict[str, Path], depth: int) -> None:
+def _collect(path: Path, files: dict[str, Path], depth: int) -> None:
     """Add a file, its side files and its sources."""
-    if _key(path) in found:
+    if _key(path) in files:
         return
-    found[_key(path)] = path
+    files[_key(path)] = path
     if depth == 0 or not path.is_file():
         return
     sources = _sources(path)
     for other in (*sources, *_raster_files(path), *_unlisted_files(path)):
         if sources and _key(other) != _key(path):
-            _collect(other, found, depth - 1)
+            _collect(other, files, depth - 1)
         elif other.suffix.lower() != OVERVIEWS:
-            found.setdefault(_key(other), other)
+            files.setdefault(_key(other), other)
 
 
 def _raster_files(source: Path | str) -> list[Path]:

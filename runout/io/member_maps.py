@@ -165,11 +165,11 @@ class MemberMaps:
     def require_grid(self, grid: "xr.Dataset", first: str) -> None:
         """StorageError if the file lies on another raster than that of ``grid``, which is that of the file ``first``."""
         with netcdf.reading(self.path, "coordinates "):
-            held = [self.file[name][:] for name in netcdf.MAP_DIMS]
+            axes = [self.file[name][:] for name in netcdf.MAP_DIMS]
         expected = [grid[name].values for name in netcdf.MAP_DIMS]
         if self.shape == tuple(axis.size for axis in expected) and all(
             np.allclose(axis, whole[part], rtol=0.0, atol=_SHIFT * abs(whole[1] - whole[0]))
-            for axis, whole, part in zip(held, expected, self.part.slices, strict=True)
+            for axis, whole, part in zip(axes, expected, self.part.slices, strict=True)
         ):
             return
 
@@ -207,13 +207,13 @@ class MemberMaps:
     def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
         """One map in a rectangle of the whole raster: 0 or, of some maps, no value beyond the part that the file holds."""
         rows, columns = (range(size)[span] for size, span in zip(self.shape, place, strict=True))
-        found = np.full((len(rows), len(columns)), np.nan if name in WITHOUT_VALUE else 0.0, np.float32)
+        window_values = np.full((len(rows), len(columns)), np.nan if name in WITHOUT_VALUE else 0.0, np.float32)
         top, bottom = max(rows.start, self.part.row), min(rows.stop, self.part.row + self.part.rows)
         left, right = max(columns.start, self.part.column), min(columns.stop, self.part.column + self.part.columns)
         if top < bottom and left < right:
             values = self._values(name, _moved(slice(top, bottom), -self.part.row), _moved(slice(left, right), -self.part.column))
-            found[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] = values
-        return found
+            window_values[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] = values
+        return window_values
 
     def ledger(self) -> dict[str, np.ndarray]:
         """Mass and energy over time by name, each (time,)."""

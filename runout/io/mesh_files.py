@@ -89,13 +89,15 @@ def _require_whole(path: Path, again: str, error: type[InputError]) -> None:
         raise error(f"{path}: does not begin as a {kind[1:].upper()} file; {again}")
     if kind == ".ply" and not _ply_header(path):
         raise error(f"{path}: is cut off in its header; copy or {again}")
-    stated = None
+    whole_size = None
     if kind == ".glb":
-        stated = struct.unpack("<I", start[8:12].ljust(4, b"\0"))[0]
+        whole_size = struct.unpack("<I", start[8:12].ljust(4, b"\0"))[0]
     elif kind == ".stl" and not start.lstrip().startswith(b"solid"):
-        stated = STL_HEADER + STL_FACE * struct.unpack("<I", start[80:84].ljust(4, b"\0"))[0]
-    if stated is not None and size != stated:
-        raise error(f"{path}: is cut off, or no {kind[1:].upper()} file: it has {size} bytes, its header {stated}; copy or {again}")
+        whole_size = STL_HEADER + STL_FACE * struct.unpack("<I", start[80:84].ljust(4, b"\0"))[0]
+    if whole_size is not None and size != whole_size:
+        raise error(
+            f"{path}: is cut off, or no {kind[1:].upper()} file: it has {size} bytes, its header {whole_size}; copy or {again}"
+        )
 
 
 def _loaded(path: Path, again: str, error: type[InputError]) -> Iterator[MeshPart]:
@@ -114,8 +116,8 @@ def _loaded(path: Path, again: str, error: type[InputError]) -> Iterator[MeshPar
             parts = [_placed(node, matrix, scene.geometry[name], path) for node, matrix, name in placed]
     except UNREADABLE as cause:
         fault = _obj_fault(path) if path.suffix.lower() == ".obj" else ""
-        said = fault or f"cannot be read as a mesh ({' '.join(str(cause).split())[:120] or type(cause).__name__})"
-        raise error(f"{path}: {said}; {again}") from cause
+        reason = fault or f"cannot be read as a mesh ({' '.join(str(cause).split())[:120] or type(cause).__name__})"
+        raise error(f"{path}: {reason}; {again}") from cause
     if path.suffix.lower() == ".ply":
         _require_counts(path, parts, again, error)
     yield from parts
@@ -137,8 +139,8 @@ def _sound(part: MeshPart, path: Path, again: str, error: type[InputError]) -> M
     count = len(part.vertices)
     wrong = ((part.faces < 0) | (part.faces >= count)).any(1)
     if wrong.any():
-        found = ", ".join(map(str, part.faces[wrong.argmax()]))
-        raise error(f"{path}: face {wrong.argmax() + 1} has vertices {found}; the mesh has vertices 0 to {count - 1}; {again}")
+        corners = ", ".join(map(str, part.faces[wrong.argmax()]))
+        raise error(f"{path}: face {wrong.argmax() + 1} has vertices {corners}; the mesh has vertices 0 to {count - 1}; {again}")
     lost = ~np.isfinite(part.vertices).all(1)
     if lost.any():
         x, y, z = part.vertices[lost.argmax()]
@@ -185,18 +187,18 @@ def _require_counts(path: Path, parts: Sequence[MeshPart], again: str, error: ty
     """Refuse a PLY file that holds less than its header states."""
     counts = {"vertex": sum(len(part.vertices) for part in parts), "face": sum(len(part.faces) for part in parts)}
     for element, many in (("vertex", "vertices"), ("face", "faces")):
-        stated = re.search(rb"element\s+" + element.encode() + rb"\s+(\d+)", _ply_header(path))
-        if stated and counts[element] < int(stated[1]):
-            raise error(f"{path}: is cut off: {counts[element]} of its {int(stated[1])} {many} can be read; copy or {again}")
+        match = re.search(rb"element\s+" + element.encode() + rb"\s+(\d+)", _ply_header(path))
+        if match and counts[element] < int(match[1]):
+            raise error(f"{path}: is cut off: {counts[element]} of its {int(match[1])} {many} can be read; copy or {again}")
 
 
 def _obj_zero(path: Path) -> str:
     """The line of a face with vertex 0, which OBJ does not have; empty without."""
     content = path.read_bytes()
-    found = OBJ_ZERO.search(content)
-    if found is None:
+    match = OBJ_ZERO.search(content)
+    if match is None:
         return ""
-    line = content.count(b"\n", 0, found.start()) + 1
+    line = content.count(b"\n", 0, match.start()) + 1
     return f"line {line}: a face has vertex 0; vertices count from 1"
 
 

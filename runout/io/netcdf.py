@@ -271,15 +271,15 @@ def _encode_map(array: "xr.DataArray", has_crs: bool) -> None:
         encoding["grid_mapping"] = "crs"
 
 
-def study_attributes(stated: Mapping[str, Any]) -> dict[str, str]:
+def study_attributes(metadata: Mapping[str, Any]) -> dict[str, str]:
     """Attributes of author and purpose, from the block ``metadata`` of a site.yaml."""
-    found = {attribute: str(stated[key]) for key, attribute in _NAMES.items() if stated.get(key)}
-    if "creator_name" in found:
-        found["creator_type"] = "person"
-        found |= {"creator_institution": found["institution"]} if "institution" in found else {}
-    elif "institution" in found:
-        found |= {"creator_name": found["institution"], "creator_type": "institution"}
-    return found
+    attributes = {attribute: str(metadata[key]) for key, attribute in _NAMES.items() if metadata.get(key)}
+    if "creator_name" in attributes:
+        attributes["creator_type"] = "person"
+        attributes |= {"creator_institution": attributes["institution"]} if "institution" in attributes else {}
+    elif "institution" in attributes:
+        attributes |= {"creator_name": attributes["institution"], "creator_type": "institution"}
+    return attributes
 
 
 def vertical_attributes(terrain: Terrain) -> dict[str, Any]:

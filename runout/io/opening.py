@@ -117,9 +117,11 @@ def _raster_target(name: str, error: type[InputError]) -> tuple[str, list[str]]:
 
 
 def _require_own_overviews(dataset: Any, name: Path | str, error: type[InputError]) -> None:
-    stated = dataset.tags(ns="OVERVIEWS").get("OVERVIEW_FILE")
-    if stated:
-        raise error(f"{name}: names the file {stated!r} for its overviews, which is not read; remove it with `gdaladdo -clean`")
+    overview_file = dataset.tags(ns="OVERVIEWS").get("OVERVIEW_FILE")
+    if overview_file:
+        raise error(
+            f"{name}: names the file {overview_file!r} for its overviews, which is not read; remove it with `gdaladdo -clean`"
+        )
 
 
 def _require_real(dataset: Any, name: Path | str, error: type[InputError]) -> None:
@@ -216,11 +218,11 @@ class VectorFile:
     def information(self, layer: str | None = None) -> dict[str, Any]:
         """Fields, number of features and driver of a layer."""
         with _reading(self) as pyogrio:
-            found: dict[str, Any] = pyogrio.read_info(self.target, layer=layer)
-        if found["driver"] not in VECTOR_DRIVERS:
-            driver = found["driver"]
+            information: dict[str, Any] = pyogrio.read_info(self.target, layer=layer)
+        if information["driver"] not in VECTOR_DRIVERS:
+            driver = information["driver"]
             raise self.error(f"{self.path}: is of the format {driver}, which is not read here; {_vector_remedy(self.path)}")
-        return found
+        return information
 
     def read(self, layer: str) -> tuple[Any, str]:
         """GeoDataFrame of a layer, and the name of the GDAL driver."""
@@ -333,11 +335,11 @@ def _reading(file: VectorFile) -> Iterator[Any]:
 def _pyogrio() -> Any:
     """Import pyogrio without the formats that reach services."""
     if "pyogrio" not in sys.modules:
-        stated = os.environ.get("OGR_SKIP")
-        os.environ["OGR_SKIP"] = SERVICES if stated is None else f"{stated},{SERVICES}"
+        skipped = os.environ.get("OGR_SKIP")
+        os.environ["OGR_SKIP"] = SERVICES if skipped is None else f"{skipped},{SERVICES}"
         try:
             importlib.import_module("pyogrio")
         finally:
             os.environ.pop("OGR_SKIP")
-            os.environ.update({} if stated is None else {"OGR_SKIP": stated})
+            os.environ.update({} if skipped is None else {"OGR_SKIP": skipped})
     return importlib.import_module("pyogrio")

@@ -65,12 +65,12 @@ def fault_in_results(results: Path) -> str:
         path, kind = strange[0]
         return f"{path}: is {kind}{more}; results are files and folders, and no links: remove it, {OTHERWISE}"
     places = [results, *(results / name for name in RESULT_FOLDERS if (results / name).is_dir())]
-    found = [path for place in places for path in _strange(place)]
-    if not found:
+    strange_paths = [path for place in places for path in _strange(place)]
+    if not strange_paths:
         return ""
-    kind, wanted = ("folder", "file") if found[0].is_dir() else ("file", "folder")
-    more = f", and {len(found) - 1} more" if len(found) > 1 else ""
-    return f"{found[0]}: is a {kind} where results have a {wanted}{more}; remove it, {OTHERWISE}"
+    kind, wanted = ("folder", "file") if strange_paths[0].is_dir() else ("file", "folder")
+    more = f", and {len(strange_paths) - 1} more" if len(strange_paths) > 1 else ""
+    return f"{strange_paths[0]}: is a {kind} where results have a {wanted}{more}; remove it, {OTHERWISE}"
 
 
 def _fault_of_link(results: Path) -> str:
@@ -106,8 +106,8 @@ def _strange(folder: Path) -> list[Path]:
 def _fault(path: Path, folder: bool) -> str:
     """What keeps a path from being written, with the remedy; empty if nothing does."""
     absolute = Path(os.path.abspath(path))
-    if said := _no_name(absolute):
-        return said
+    if fault := _no_name(absolute):
+        return fault
     if kind := kind_of(absolute):
         return f"is {kind}; {ELSEWHERE}"
     if absolute.is_dir() and not folder:

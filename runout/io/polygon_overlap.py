@@ -55,20 +55,20 @@ def overlaps_of(polygons: np.ndarray, values: np.ndarray | None, least: float = 
     return Overlaps(first, second, common, beyond & (common >= least), complete, beyond & (common < least))
 
 
-def cut(polygons: np.ndarray, values: np.ndarray | None, found: Overlaps) -> np.ndarray:
+def cut(polygons: np.ndarray, values: np.ndarray | None, overlaps: Overlaps) -> np.ndarray:
     """Polygons (n,) without overlaps: a common area is left to the first of its polygons.
 
     With too many pairs, polygons of equal value are united: the first holds the union, the others are empty.
     """
     import shapely
 
-    if not found.complete:
+    if not overlaps.complete:
         return _united(polygons, np.zeros(len(polygons)) if values is None else values)
     result = polygons.copy()
-    if not len(found.second):
+    if not len(overlaps.second):
         return result
-    order = np.argsort(found.second, kind="stable")
-    first, second = found.first[order], found.second[order]
+    order = np.argsort(overlaps.second, kind="stable")
+    first, second = overlaps.first[order], overlaps.second[order]
     starts = np.flatnonzero(np.diff(second, prepend=-1))
     for start, end in zip(starts, [*starts[1:], len(second)], strict=True):
         earlier = shapely.union_all(polygons[first[start:end]])

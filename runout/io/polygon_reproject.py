@@ -33,21 +33,21 @@ def polygons_on_terrain(path: Path, frame: Any, driver: str, terrain: Terrain) -
                 f"{path} states no coordinate system and cannot be in degrees; taken to be in the terrain's, {crs_name(wanted)}."
             )
             return frame.set_crs(wanted, allow_override=True), (change,)
-    found = to_terrain(path, crs, terrain, bounds, "ogr2ogr")
-    if found.forward is None:
-        return frame, found.sentences
+    transformation = to_terrain(path, crs, terrain, bounds, "ogr2ogr")
+    if transformation.forward is None:
+        return frame, transformation.sentences
     longest = float(max(bounds[2] - bounds[0], bounds[3] - bounds[1])) / PIECES
-    moved = shapely.transform(shapely.segmentize(shapely.force_2d(frame.geometry.to_numpy()), longest), found.forward)
+    moved = shapely.transform(shapely.segmentize(shapely.force_2d(frame.geometry.to_numpy()), longest), transformation.forward)
     if not np.isfinite(shapely.get_coordinates(moved)).all():
         raise ReleaseError(
             f"{path}: some of its coordinates have no place in the terrain's system; check the system that it states"
         )
-    said = f"{path}: reprojected from longitude and latitude, the system of GeoJSON, to {crs_name(wanted)}."
-    return frame.set_geometry(moved).set_crs(None, allow_override=True), (said,) if in_degrees else found.sentences
+    sentence = f"{path}: reprojected from longitude and latitude, the system of GeoJSON, to {crs_name(wanted)}."
+    return frame.set_geometry(moved).set_crs(None, allow_override=True), (sentence,) if in_degrees else transformation.sentences
 
 
 def raster_on_terrain(
-    values: np.ndarray, edges: tuple[np.ndarray, np.ndarray], found: ToTerrain, terrain: Terrain, path: Path
+    values: np.ndarray, edges: tuple[np.ndarray, np.ndarray], transformation: ToTerrain, terrain: Terrain, path: Path
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
     """Thickness on the cells of the terrain (nx, ny) [m], their local edges [m], and sentences on changes; the volume is kept.
 
@@ -60,7 +60,7 @@ def raster_on_terrain(
         Thickness [m] from the south-west.
     edges : tuple of ndarray
         Ascending edges (x, y) of its cells in its own map coordinates.
-    found : ToTerrain
+    transformation : ToTerrain
         With a transformation.
 
     Raises
@@ -68,9 +68,9 @@ def raster_on_terrain(
     ReleaseError
         If part of the volume lies outside the terrain.
     """
-    assert found.forward is not None
+    assert transformation.forward is not None
     corners = np.stack(np.meshgrid(*edges, indexing="ij"), axis=-1)
-    there = found.forward(corners.reshape(-1, 2)).reshape(corners.shape)
+    there = transformation.forward(corners.reshape(-1, 2)).reshape(corners.shape)
     volumes = values * _areas(there)
     _require_inside(there, volumes, terrain, path)
     own = (np.arange(n + 1) * size for n, size in zip(terrain.shape[::-1], terrain.cell_size, strict=True))
@@ -79,10 +79,12 @@ def raster_on_terrain(
     if volumes.any():
         window, points = _window(there, volumes, terrain), _points(there, terrain)
         fine = points > MOST
-        cells[window] = _put(there, volumes, terrain, window) if fine else _looked_up(values, edges, found, terrain, window, points)
+        cells[window] = (
+            _put(there, volumes, terrain, window) if fine else _looked_up(values, edges, transformation, terrain, window, points)
+        )
         cells *= np.abs(volumes).sum() / (np.abs(cells).sum() * terrain.cell_area)
-    said = f"{path}: resampled by area to the cells of the terrain; its {abs(float(volumes.sum())):.6g} m3 are kept."
-    return cells, to_edges, (*found.sentences, said)
+    sentence = f"{path}: resampled by area to the cells of the terrain; its {abs(float(volumes.sum())):.6g} m3 are kept."
+    return cells, to_edges, (*transformation.sentences, sentence)
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:
@@ -96,10 +98,10 @@ def _require_inside(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain, 
     west, south, east, north = terrain.extent
     x, y = middle[..., 0], middle[..., 1]
     inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
-    lost, held = np.abs(volumes[~inside]).sum(), np.abs(volumes).sum()
-    if not np.isfinite(held) or lost > LOST_VOLUME * held:
+    lost, total = np.abs(volumes[~inside]).sum(), np.abs(volumes).sum()
+    if not np.isfinite(total) or lost > LOST_VOLUME * total:
         raise ReleaseError(
-            f"{path}: {lost / held:.1%} of its {held:.6g} m3 lies outside the terrain {terrain.source}; "
+            f"{path}: {lost / total:.1%} of its {total:.6g} m3 lies outside the terrain {terrain.source}; "
             "use a larger DEM, cut the release, or check the coordinate system of both"
         )
 
@@ -133,23 +135,23 @@ def _put(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain, window: tup
         for axis, (size, w, n) in enumerate(zip(terrain.cell_size, window, shape, strict=True))
     ]
     flat = np.ravel_multi_index(place, shape)
-    held = np.bincount(flat, volumes[volumes != 0.0], int(np.prod(shape)))
-    return held.reshape(shape) / terrain.cell_area  # type: ignore[no-any-return]
+    cell_volume = np.bincount(flat, volumes[volumes != 0.0], int(np.prod(shape)))
+    return cell_volume.reshape(shape) / terrain.cell_area  # type: ignore[no-any-return]
 
 
 def _looked_up(
     values: np.ndarray,
     edges: tuple[np.ndarray, np.ndarray],
-    found: ToTerrain,
+    transformation: ToTerrain,
     terrain: Terrain,
     window: tuple[slice, slice],
     k: int,
 ) -> np.ndarray:
     """Mean of the values at k x k points in each cell of a window; between the corners of a cell the transformation is linear."""
-    assert found.inverse is not None
+    assert transformation.inverse is not None
     lattice = [np.arange(w.start, w.stop + 1) * size for w, size in zip(window, terrain.cell_size, strict=True)]
     corners = np.stack(np.meshgrid(*lattice, indexing="ij"), axis=-1)
-    there = found.inverse(terrain.frame.to_map(corners.reshape(-1, 2))).reshape(corners.shape)
+    there = transformation.inverse(terrain.frame.to_map(corners.reshape(-1, 2))).reshape(corners.shape)
     south_west, south_east, north_west, north_east = there[:-1, :-1], there[1:, :-1], there[:-1, 1:], there[1:, 1:]
     total = np.zeros(south_west.shape[:2])
     for u in (np.arange(k) + 0.5) / k:

@@ -107,30 +107,30 @@ class PolygonLayer:
             )
         return values
 
-    def stated(self, given: float | str, quantity: str, key: str = "") -> np.ndarray:
+    def stated(self, entry: float | str, quantity: str, key: str = "") -> np.ndarray:
         """Values (n,) of a quantity of :data:`runout.model.limits.LIMITS`: one number for all polygons, or those of an attribute.
 
         ``key`` is what site.yaml calls it, for messages; the name of the quantity by default. Raises ReleaseError if an attribute
         is missing or no number, or a value lies outside the limits; names the polygon.
         """
         place = str(self.source)
-        if not isinstance(given, str):
-            return np.full(len(self.polygons), checked(quantity, given, place=place, key=key, error=ReleaseError))
-        values = self.numbers(given, key or quantity.replace("_", " "))
+        if not isinstance(entry, str):
+            return np.full(len(self.polygons), checked(quantity, entry, place=place, key=key, error=ReleaseError))
+        values = self.numbers(entry, key or quantity.replace("_", " "))
         for row, value in enumerate(values):
-            key = f"attribute {given!r} of polygon {self.number(row)}"
+            key = f"attribute {entry!r} of polygon {self.number(row)}"
             checked(quantity, float(value), place=place, key=key, error=ReleaseError)
         return values
 
-    def within(self, given: float | str, parameter: Parameter) -> np.ndarray:
+    def within(self, entry: float | str, parameter: Parameter) -> np.ndarray:
         """Values (n,) of a parameter of a law: one number for all polygons, or of an attribute; errors as of :meth:`stated`."""
         assert parameter.valid is not None  # a number
-        if not isinstance(given, str):
+        if not isinstance(entry, str):
             what = f"{self.source}: {parameter.key}"
-            return np.full(len(self.polygons), checked_within(parameter.valid, what, given, error=ReleaseError))
-        values = self.numbers(given, parameter.key)
+            return np.full(len(self.polygons), checked_within(parameter.valid, what, entry, error=ReleaseError))
+        values = self.numbers(entry, parameter.key)
         for row, value in enumerate(values.tolist()):
-            what = f"{self.source}: attribute {given!r} of polygon {self.number(row)}"
+            what = f"{self.source}: attribute {entry!r} of polygon {self.number(row)}"
             checked_within(parameter.valid, what, value, error=ReleaseError)
         return values
 
@@ -284,8 +284,8 @@ def without_overlap(
     """
     import shapely
 
-    found = overlaps_of(layer.polygons, values, layer.least_area)
-    first, second, common, counts = found.first, found.second, found.area, found.counts
+    overlaps = overlaps_of(layer.polygons, values, layer.least_area)
+    first, second, common, counts = overlaps.first, overlaps.second, overlaps.area, overlaps.counts
     for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
         if values is not None and values[i] != values[j]:
             one, other = (told[k] if told else f"{values[k]:g}{unit}" for k in (i, j))
@@ -293,17 +293,17 @@ def without_overlap(
                 f"{layer.source}: polygons {layer.number(i)} ({one}) and {layer.number(j)} ({other}) overlap by "
                 f"{area:.6g} m2; cut one of them back so that every place has one {what}"
             )
-    polygons = cut(layer.polygons, values, found)
-    said = found.said_of_slivers(layer.source)
+    polygons = cut(layer.polygons, values, overlaps)
+    sentences = overlaps.said_of_slivers(layer.source)
     if not counts.any():
-        return polygons, said
+        return polygons, sentences
     total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()
     pairs = sorted(zip(first[counts].tolist(), second[counts].tolist(), strict=True))
     named = ", ".join(f"{layer.number(i)} and {layer.number(j)}" for i, j in pairs[:NAMED])
-    if len(pairs) > NAMED or not found.complete:
-        named += f" and {'more than ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
+    if len(pairs) > NAMED or not overlaps.complete:
+        named += f" and {'more than ' * (not overlaps.complete)}{len(pairs) - NAMED} pairs more"
     return polygons, (
-        *said,
+        *sentences,
         f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",
     )
 

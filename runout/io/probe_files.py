@@ -34,13 +34,13 @@ _PLACES = "time x y station_elevation station_name"
 
 def series_datasets(series: ProbeSeries) -> "dict[str, xr.Dataset]":
     """Datasets of the points and of the cross-sections of a run, as far as there are any, by the names of their groups."""
-    found = {}
+    datasets = {}
     if series.probes.points:
-        found[POINTS] = _filled(points_frame(series.probes, series.terrain, series.time), series.points, series.peaks)
+        datasets[POINTS] = _filled(points_frame(series.probes, series.terrain, series.time), series.points, series.peaks)
     if series.probes.cross_sections:
         frame = sections_frame(series.probes, series.terrain, series.time)
-        found[SECTIONS] = _filled(frame, series.cross_sections, series.section_peaks)
-    return found
+        datasets[SECTIONS] = _filled(frame, series.cross_sections, series.section_peaks)
+    return datasets
 
 
 def points_frame(probes: Probes, terrain: Terrain, time: np.ndarray) -> "xr.Dataset":
@@ -82,13 +82,13 @@ def place_coordinates(places: np.ndarray, dim: str, terrain: Terrain) -> "dict[s
     """Coordinates ``x`` and ``y`` [m] of places (n, 2) along a dimension, and ``crs`` unless the system is local."""
     import xarray as xr
 
-    found: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
     for axis, values, word in zip("xy", places.T, ("easting", "northing"), strict=True):
         named = {"units": "m", "standard_name": f"projection_{axis}_coordinate", "long_name": word}
-        found[axis] = xr.Variable(dim, values, named | {"coverage_content_type": "coordinate"})
+        coordinates[axis] = xr.Variable(dim, values, named | {"coverage_content_type": "coordinate"})
     if terrain.crs is not None:
-        found["crs"] = xr.Variable((), np.int32(0), grid_mapping(terrain.crs))
-    return found
+        coordinates["crs"] = xr.Variable((), np.int32(0), grid_mapping(terrain.crs))
+    return coordinates
 
 
 def _filled(dataset: "xr.Dataset", series: Mapping[str, np.ndarray], peaks: Mapping[str, np.ndarray]) -> "xr.Dataset":

@@ -60,24 +60,24 @@ def require_vrt_inside(path: Path, error: type[InputError]) -> list[Path]:
 
     Raises InputError of the given kind if a VRT holds anything but plain bands of such files.
     """
-    found: dict[Path, None] = {}
-    _collect(path, root_of(path), error, found, 0)
-    return list(found)
+    files: dict[Path, None] = {}
+    _collect(path, root_of(path), error, files, 0)
+    return list(files)
 
 
-def _collect(path: Path, root: Path, error: type[InputError], found: dict[Path, None], depth: int) -> None:
+def _collect(path: Path, root: Path, error: type[InputError], files: dict[Path, None], depth: int) -> None:
     if depth > DEEPEST:
         raise error(f"{path}: a VRT that names VRTs, more than {DEEPEST} levels deep; {_as_tiff(path)}")
     for name, relative in _sources(_parsed(path, error), path, error):
         source = _inside(path, root, name, relative, error)
-        if source in found:
+        if source in files:
             continue
-        found[source] = None
-        if len(found) > MOST_SOURCES:
+        files[source] = None
+        if len(files) > MOST_SOURCES:
             raise error(f"{path}: names more than {MOST_SOURCES} files; {_as_tiff(path)}")
         first = header(source)
         if VRT_MARK in first:
-            _collect(source, root, error, found, depth + 1)
+            _collect(source, root, error, files, depth + 1)
         elif not _plain(first):
             raise error(f"{path}: its source {name} is neither GeoTIFF, ESRI ASCII, Erdas Imagine nor VRT; {_as_tiff(path)}")
 
@@ -116,8 +116,8 @@ def _sources(tree: "ElementTree.Element", path: Path, error: type[InputError]) -
             raise error(f"{path}: the VRT has a band of the kind {kind!r}, which is not read here; {_as_tiff(path)}")
         text = (element.get("Projection") if element.tag == "GCPList" else element.text) or ""
         if element.tag in SYSTEMS and not SYSTEM.match(text):
-            stated = f"the VRT names its coordinate system {text.strip()[:80]!r}"
-            raise error(f"{path}: {stated}; write WKT or a code such as EPSG:32632")
+            fault = f"the VRT names its coordinate system {text.strip()[:80]!r}"
+            raise error(f"{path}: {fault}; write WKT or a code such as EPSG:32632")
         if element.tag in SOURCES:
             yield text, element.get("relativeToVRT", "0").strip() == "1"
 

@@ -67,16 +67,16 @@ def require_corner(dataset: Any, source: Path | str, error: type[InputError]) ->
     """
     if dataset.driver not in ("AAIGrid", "EHdr"):
         return
-    stated = {}
+    corner = {}
     for text in _texts(dataset):
         for axis, kind, value in re.findall(r"^\s*([xy])ll(\w+)\s+(\S+)", text, re.IGNORECASE | re.MULTILINE):
-            stated[axis.lower() + kind.lower()] = value
+            corner[axis.lower() + kind.lower()] = value
     both = [{"x" + kind, "y" + kind} for kind in ("corner", "center")]
-    if set(stated) in both or (dataset.driver == "EHdr" and not stated):
+    if set(corner) in both or (dataset.driver == "EHdr" and not corner):
         return
-    held = " and ".join(f"{key[0]}ll{key[1:]} {value}" for key, value in sorted(stated.items())) or "neither"
+    corner_text = " and ".join(f"{key[0]}ll{key[1:]} {value}" for key, value in sorted(corner.items())) or "neither"
     raise error(
-        f"{source}: its header states {held}; xllcorner and yllcorner are needed, or xllcenter and yllcenter: "
+        f"{source}: its header states {corner_text}; xllcorner and yllcorner are needed, or xllcenter and yllcenter: "
         "the corner lies half a cellsize west and south of the centre"
     )
 

@@ -103,9 +103,9 @@ def write_layers(
     StorageError
         If the disk is full or the folder cannot be written; an older file stays as it is.
     """
-    held = {name: (kind, rows) for name, (kind, rows) in layers.items() if rows}
-    frames = {name: _frame(_of_kind(rows, kind), terrain) for name, (kind, rows) in held.items()}
-    return _write(path, frames, {name: kind for name, (kind, _) in held.items()}, styles or {})
+    filled_layers = {name: (kind, rows) for name, (kind, rows) in layers.items() if rows}
+    frames = {name: _frame(_of_kind(rows, kind), terrain) for name, (kind, rows) in filled_layers.items()}
+    return _write(path, frames, {name: kind for name, (kind, _) in filled_layers.items()}, styles or {})
 
 
 def _write(

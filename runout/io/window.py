@@ -61,10 +61,10 @@ def part_of(
     columns = _span((west - c) / a, (east - c) / a, shape[1])
     rows = _span((south - f) / e, (north - f) / e, shape[0])
     if columns[1] < min(NEVER_BELOW, shape[1]) or rows[1] < min(NEVER_BELOW, shape[0]):
-        stated, held = (f"{', '.join(f'{edge:.10g}' for edge in edges)}" for edges in (extent, bounds_of(transform, shape)))
+        wanted, covered = (f"{', '.join(f'{edge:.10g}' for edge in edges)}" for edges in (extent, bounds_of(transform, shape)))
         raise error(
-            f"{source}: the extent [{stated}] covers {max(columns[1], 0)} x {max(rows[1], 0)} cells of the raster, which spans "
-            f"[{held}] (west, south, east, north in its own coordinates); state one that it covers"
+            f"{source}: the extent [{wanted}] covers {max(columns[1], 0)} x {max(rows[1], 0)} cells of the raster, which spans "
+            f"[{covered}] (west, south, east, north in its own coordinates); state one that it covers"
         )
     return Part(rows[0], columns[0], rows[1], columns[1])
 

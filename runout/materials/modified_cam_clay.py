@@ -61,10 +61,10 @@ class ModifiedCamClay(Material):
 
     def chosen(self, speed: float, thickness: float, gravity: float) -> Self:
         """This material with a number as Young's modulus: that of the run, or that of swelling if it is larger."""
-        found = super().chosen(speed, thickness, gravity)
+        material = super().chosen(speed, thickness, gravity)
         swelling = 3 * (1 - 2 * self.poisson_ratio) * self.preconsolidation_pressure / self.swelling_slope
-        stiff = self.youngs_modulus == AUTO and swelling > found.modulus
-        return found.__class__(**{**vars(found), "youngs_modulus": swelling}) if stiff else found
+        stiff = self.youngs_modulus == AUTO and swelling > material.modulus
+        return material.__class__(**{**vars(material), "youngs_modulus": swelling}) if stiff else material
 
     @property
     def yield_cone(self) -> tuple[float, float]:

@@ -70,10 +70,10 @@ def least_angle(
 def sentences(scene: Scene, names: Sequence[str]) -> Iterator[str]:
     """Which friction acts, for each release (by ``names``) that meets ground stronger than its material."""
     zones = scene.friction_zones
-    for name, friction, stated, strength in zip(names, scene.friction, scene.resting_friction, scene.strengths, strict=True):
-        strongest = float(zones.coefficients(friction)[:, 0].max()) if zones else stated
+    for name, friction, resting, strength in zip(names, scene.friction, scene.resting_friction, scene.strengths, strict=True):
+        strongest = float(zones.coefficients(friction)[:, 0].max()) if zones else resting
         if strongest > strength:
-            yield sentence(name, strongest, strength, in_zones=strongest > stated)
+            yield sentence(name, strongest, strength, in_zones=strongest > resting)
 
 
 def unchanged(frictions: Sequence[BasalFriction | float], names: Sequence[str], zones: FrictionZones | None) -> Iterator[str]:
@@ -83,12 +83,12 @@ def unchanged(frictions: Sequence[BasalFriction | float], names: Sequence[str], 
     """
     laws = [numbers_of(f)[0] for f in frictions]
     keys = {number: p.key for law in laws for number, p in zip(law.numbers, law.parameters, strict=True)}
-    stated = dict.fromkeys([*zones.replaced, *zones.gridded]) if zones else {}
+    ground_keys = dict.fromkeys([*zones.replaced, *zones.gridded]) if zones else {}
     for name, law in zip(names, laws, strict=True):
-        foreign = ", ".join(keys.get(number, number) for number in stated if number not in law.numbers)
+        foreign = ", ".join(keys.get(number, number) for number in ground_keys if number not in law.numbers)
         if foreign:
-            said = f"the ground states {foreign}, which its friction law {law.name} does not have"
-            yield f"release {name}: {said}; it has no effect on it"
+            fault = f"the ground states {foreign}, which its friction law {law.name} does not have"
+            yield f"release {name}: {fault}; it has no effect on it"
 
 
 def sentence(name: str, ground: float, strength: float, *, in_zones: bool = False) -> str:

@@ -75,15 +75,15 @@ class ColumnResistance:
             return
         loads, speeds = np.linspace(0.0, 1.0, LOADS), self.fastest * np.linspace(0.0, 1.0, SPEEDS) ** 3
         members = np.searchsorted(self._start, rows, side="right") - 1
-        found = []
+        values = []
         for member in np.unique(members).tolist():
             own = rows[members == member] - self._start[member]
             ground, release = self.grounds[member], own // self.grounds[member].kinds
             masses, shares = self._areal[member][release], ground.effective[release]
             for record, mass, share in zip(ground.records(own), masses.tolist(), shares.tolist(), strict=True):
-                found.append(self._values_of(record, mass, share * loads, speeds))
+                values.append(self._values_of(record, mass, share * loads, speeds))
         order = np.argsort(rows := np.concatenate([self._rows, rows]))
-        self._rows, self._values = rows[order], np.concatenate([self._values, found])[order]
+        self._rows, self._values = rows[order], np.concatenate([self._values, values])[order]
 
     def _values_of(self, record: np.void, mass: float, loads: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         """Stress [Pa] and drag [kg/m3] of the ground over the ``mass`` by area in plan [kg/m2], (2, loads, speeds).
@@ -92,8 +92,8 @@ class ColumnResistance:
         """
         basal = SimpleNamespace(**dict(zip(self.law.fields, record.tolist(), strict=True)))
         area, resist = float(self.law.uses_area), self.law.limited
-        found = [[resist(mass * STANDARD_GRAVITY * p, s, area, 1.0, basal) for s in speeds.tolist()] for p in loads.tolist()]
-        return np.array(found).transpose(2, 0, 1) / mass
+        resistances = [[resist(mass * STANDARD_GRAVITY * p, s, area, 1.0, basal) for s in speeds.tolist()] for p in loads.tolist()]
+        return np.array(resistances).transpose(2, 0, 1) / mass
 
 
 def ground_below(
@@ -117,9 +117,9 @@ def ground_below(
     effective : sequence of float, optional
         Least share of the normal stress that the grains of each mass carry [1].
     """
-    stated = [f if isinstance(f, BasalFriction) else math.tan(f) for f in frictions]
+    coefficients = [f if isinstance(f, BasalFriction) else math.tan(f) for f in frictions]
     masses = [MassAbove(s, m.density, STANDARD_GRAVITY) for s, m in zip(strengths, materials, strict=True)]
-    return GroundFriction(stated, masses, zones, effective)
+    return GroundFriction(coefficients, masses, zones, effective)
 
 
 def resting_resistance(grounds: Sequence[GroundFriction]) -> Resistance:

@@ -76,7 +76,7 @@ def flow_depth(peak_thickness: np.ndarray) -> float:
     return float((thickness**2).sum() / thickness.sum()) if thickness.sum() > 0 else 0.0
 
 
-def worst(found: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+def worst(runs: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     """For each attribute, the value of the least resolved run; empty if no run has any."""
-    told = [attributes for attributes in found if set(WORST) <= set(attributes)]
+    told = [attributes for attributes in runs if set(WORST) <= set(attributes)]
     return {name: float(pick(float(a[name]) for a in told)) for name, pick in WORST.items()} if told else {}

@@ -23,5 +23,5 @@ def short(value: float, unit: str = "") -> str:
 
 def crs_name(wkt: str | None) -> str:
     """Name of a coordinate system of WKT."""
-    found = re.match(r'\s*\w+\s*\[\s*"([^"]+)"', wkt or "")
-    return found[1] if found else (wkt or "local coordinates")
+    match = re.match(r'\s*\w+\s*\[\s*"([^"]+)"', wkt or "")
+    return match[1] if match else (wkt or "local coordinates")

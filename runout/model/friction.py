@@ -120,12 +120,12 @@ class FrictionZones:
         factors = sorted(zone["factor"] for zone in self.zones if "factor" in zone)
         angles = sorted(math.degrees(math.atan(zone["coefficient"])) for zone in self.zones if "coefficient" in zone)
         own = [(key, value) for zone in self.zones for key, value in zone.get("parameters", {}).items()]
-        said = [f"friction times {factors[0]:.3g} to {factors[-1]:.3g}"] if factors else []
-        said += [f"friction angle {angles[0]:.3g} to {angles[-1]:.3g} deg"] if angles else []
+        parts = [f"friction times {factors[0]:.3g} to {factors[-1]:.3g}"] if factors else []
+        parts += [f"friction angle {angles[0]:.3g} to {angles[-1]:.3g} deg"] if angles else []
         for name in dict.fromkeys(key for key, _ in own):
             values = [value for key, value in own if key == name]
-            said.append(f"{name} {min(values):.3g} to {max(values):.3g}")
-        return f"friction zones: {len(self.zones)} on {area:.4g} m2; {', '.join(said)}"
+            parts.append(f"{name} {min(values):.3g} to {max(values):.3g}")
+        return f"friction zones: {len(self.zones)} on {area:.4g} m2; {', '.join(parts)}"
 
     def at(self, friction: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Coefficients [1] of masses with ``friction`` [1] at local positions x, y [m]; beyond the rim those of the rim."""
@@ -158,8 +158,8 @@ class FrictionZones:
         """Friction coefficients (kinds, n) [1], those at rest first, of a mass on cells of every kind there is."""
         law, numbers = numbers_of(friction)
         kinds = self.kinds(law)
-        found = zone_friction(np.array(numbers), kinds.factor, kinds.own)[kinds.first :]
-        return found[:, [law.numbers.index(name) for name in law.friction.coefficients]]  # type: ignore[no-any-return]
+        values = zone_friction(np.array(numbers), kinds.factor, kinds.own)[kinds.first :]
+        return values[:, [law.numbers.index(name) for name in law.friction.coefficients]]  # type: ignore[no-any-return]
 
     def least_angle(self, friction: BasalFriction | float) -> float:
         """Smallest friction angle [rad] on any cell of a mass with a friction, or with a friction angle [rad]."""

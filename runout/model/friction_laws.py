@@ -100,8 +100,8 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     @cached_property
     def at_base(self) -> FunctionType:
         """:attr:`limited` as contact takes it: without drag where that acts on the column."""
-        found: FunctionType = self.limited  # type: ignore[assignment]
-        return calling(contact.steady_resistance, law_resistance=found) if self.drags_column else found
+        limited: FunctionType = self.limited  # type: ignore[assignment]
+        return calling(contact.steady_resistance, law_resistance=limited) if self.drags_column else limited
 
     @cached_property
     def impulse(self) -> FunctionType:
@@ -169,12 +169,12 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
 
 def _require_numbers(law: FrictionLaw) -> None:
     """Raise an error unless zones can change each parameter of a law."""
-    said = f"friction law {law.name}"
+    subject = f"friction law {law.name}"
     if len(law.numbers) != len(law.parameters):
-        raise ConfigError(f"{said}: numbers() gives {len(law.numbers)} for {len(law.parameters)} parameters; give one for each")
+        raise ConfigError(f"{subject}: numbers() gives {len(law.numbers)} for {len(law.parameters)} parameters; give one for each")
     if not law.friction.coefficients or not set(law.friction.coefficients) <= set(law.numbers):
         names = ", ".join(law.numbers)
-        raise ConfigError(f"{said}: coefficients must name friction coefficients among {names}, that at rest first")
+        raise ConfigError(f"{subject}: coefficients must name friction coefficients among {names}, that at rest first")
 
 
 def public_names() -> dict[str, str]:

@@ -47,16 +47,16 @@ class GroundFriction:
         self, frictions: Sequence[BasalFriction | float], masses: Sequence[MassAbove], zones: FrictionZones | None,
         effective: Sequence[float] | None = None,
     ):  # fmt: skip
-        found = [numbers_of(friction) for friction in frictions]
-        self.law: FrictionLaw = friction_law(law for law, _ in found)
-        self.law_number = np.array([self.law.laws.index(law) for law, _ in found])
+        laws_and_numbers = [numbers_of(friction) for friction in frictions]
+        self.law: FrictionLaw = friction_law(law for law, _ in laws_and_numbers)
+        self.law_number = np.array([self.law.laws.index(law) for law, _ in laws_and_numbers])
         ends = np.cumsum([len(law.numbers) for law in self.law.laws])
         self._columns = [slice(end - len(law.numbers), end) for law, end in zip(self.law.laws, ends, strict=True)]
-        self.numbers = np.zeros((len(found), len(self.law.numbers)))
-        for row, number, (_, numbers) in zip(self.numbers, self.law_number, found, strict=True):
+        self.numbers = np.zeros((len(laws_and_numbers), len(self.law.numbers)))
+        for row, number, (_, numbers) in zip(self.numbers, self.law_number, laws_and_numbers, strict=True):
             row[self._columns[number]] = numbers
         self.masses, self.kinds = np.array(masses, np.float64).reshape(-1, len(MassAbove._fields)), 1
-        self.effective = np.ones(len(found)) if effective is None else np.array(effective, np.float64)
+        self.effective = np.ones(len(laws_and_numbers)) if effective is None else np.array(effective, np.float64)
         self.kind: np.ndarray | None = None
         self._factor, self._own = np.ones((1, len(self.law.numbers))), np.zeros((1, len(self.law.numbers)))
         if zones:
@@ -66,16 +66,16 @@ class GroundFriction:
         laws = {law: f"friction law {law.name} has {', '.join(law.numbers)}" for law in self.law.laws}
         several = [law for law in laws if len(law.numbers) > 1]
         if several and zones.coefficient.any():
-            said = f"a zone states a friction angle, and {laws[several[0]]}"
-            raise ConfigError(f"{zones.source}: {said}; state its parameters, or a factor")
-        stated = dict.fromkeys(zones.gridded, "a raster states") | dict.fromkeys(zones.replaced, "a zone replaces")
-        unknown = [name for name in stated if name not in self.law.numbers]
+            fault = f"a zone states a friction angle, and {laws[several[0]]}"
+            raise ConfigError(f"{zones.source}: {fault}; state its parameters, or a factor")
+        origins = dict.fromkeys(zones.gridded, "a raster states") | dict.fromkeys(zones.replaced, "a zone replaces")
+        unknown = [name for name in origins if name not in self.law.numbers]
         if unknown:
-            said = f"{stated[unknown[0]]} {unknown[0]}, and {', and '.join(laws.values())}"
-            raise ConfigError(f"{zones.source}: {said}; state parameters of that law")
-        found = zones.kinds(*self.law.laws)
-        self.kind, self.kinds, self._size = found.kind, len(found.own), zones.cell_size
-        self._factor, self._own = found.factor, found.own
+            fault = f"{origins[unknown[0]]} {unknown[0]}, and {', and '.join(laws.values())}"
+            raise ConfigError(f"{zones.source}: {fault}; state parameters of that law")
+        kinds = zones.kinds(*self.law.laws)
+        self.kind, self.kinds, self._size = kinds.kind, len(kinds.own), zones.cell_size
+        self._factor, self._own = kinds.factor, kinds.own
         rows = self.kinds * len(self.numbers)
         if rows > MOST_ROWS:
             raise ConfigError(f"{zones.source}: {rows} different values, at most {MOST_ROWS} fit; round the values of the rasters")

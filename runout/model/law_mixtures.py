@@ -208,5 +208,5 @@ def _require_numbered(laws: Sequence[RegisteredLaw[Any]], error: type[InputError
     """Raise an error if a law has a number with the name that records keep for the number of the law."""
     for law in laws:
         if NUMBER in law.fields:  # type: ignore[attr-defined]
-            said = f"law {law.name} has a number {NUMBER}, which is the number of the law where releases follow several"
-            raise error(f"{said}; rename it, or give every release the law {law.name}")
+            fault = f"law {law.name} has a number {NUMBER}, which is the number of the law where releases follow several"
+            raise error(f"{fault}; rename it, or give every release the law {law.name}")

@@ -128,11 +128,11 @@ def checked_within(valid: Range, what: str, value: Any, *, error: Callable[[str]
     number = float(value)
     if not math.isfinite(number):
         raise error(f"{what} is {number:g}; it must be a finite number{unit}")
-    stated = f"{what} is {number:g}" + (f" {valid.unit}" if valid.unit else "")
+    value_text = f"{what} is {number:g}" + (f" {valid.unit}" if valid.unit else "")
     if not valid.holds(number):
-        raise error(f"{stated}; {valid.allowed()}" + (f"; {valid.hint}" if valid.hint else ""))
+        raise error(f"{value_text}; {valid.allowed()}" + (f"; {valid.hint}" if valid.hint else ""))
     if valid.degrees and looks_like_radians(number):
-        raise error(f"{stated}, which is suspiciously small; angles are in degrees here; {radians_remedy(number)}")
+        raise error(f"{value_text}, which is suspiciously small; angles are in degrees here; {radians_remedy(number)}")
     return number
 
 

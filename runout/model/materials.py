@@ -63,8 +63,8 @@ class Material:
             object.__setattr__(self, p.name, p.checked(getattr(self, p.name)))
         for p in parameters_of(Material):
             if self.youngs_modulus != AUTO and p.name in RULE and getattr(self, p.name) != p.default:
-                stated = f"{p.name} is {getattr(self, p.name):g} and youngs_modulus {self.youngs_modulus:g} Pa"
-                raise MaterialError(f"{stated}, so that {p.name} sets nothing; remove one of them")
+                values_text = f"{p.name} is {getattr(self, p.name):g} and youngs_modulus {self.youngs_modulus:g} Pa"
+                raise MaterialError(f"{values_text}, so that {p.name} sets nothing; remove one of them")
 
     @property
     def modulus(self) -> float:

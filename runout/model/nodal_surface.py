@@ -42,9 +42,9 @@ class NodalSurface:
 
     def on_nodes(self, first: tuple[int, int], shape: tuple[int, int]) -> Surface:
         """The ground as a spline whose coefficients sit on so many nodes from the ``first`` on."""
-        found = self.surface.on_nodes(self.spacing, first, shape)
-        self._add_change(first, found.coefficients)
-        return found
+        values = self.surface.on_nodes(self.spacing, first, shape)
+        self._add_change(first, values.coefficients)
+        return values
 
     def _add_change(self, first: tuple[int, int], coefficients: np.ndarray) -> None:
         """Add the change to coefficients (n, m) of the surface at the nodes from the ``first`` on."""
@@ -102,8 +102,8 @@ class NodalSurface:
         begins += first[0] % TILE * WIDTH + first[1] % TILE
         if way:
             q = [p + one / h for p, one, h in zip(q, way, self.spacing, strict=True)]
-        found = spline_at(table, begins, WIDTH, q[0] - first[0], q[1] - first[1])
-        value, east, north = (one.reshape(x.shape) for one in found)
+        evaluated = spline_at(table, begins, WIDTH, q[0] - first[0], q[1] - first[1])
+        value, east, north = (one.reshape(x.shape) for one in evaluated)
         return value, east / self.spacing[0], north / self.spacing[1]
 
     def _table(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

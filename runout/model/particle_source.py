@@ -30,13 +30,13 @@ def gathered(source: ParticleSource) -> Particles:
     """All particles of a source."""
     if isinstance(source, Particles):
         return source
-    found, first = Particles.zeros(len(source)), 0
+    particles, first = Particles.zeros(len(source)), 0
     for chunk in source.chunks():
         part = slice(first, first + len(chunk))
         for name in ARRAYS:
-            getattr(found, name)[part] = getattr(chunk, name)
+            getattr(particles, name)[part] = getattr(chunk, name)
         first = part.stop
-    return found
+    return particles
 
 
 def slices(source: ParticleSource, stressed: bool = True) -> Iterator[tuple[slice, Particles]]:
@@ -96,8 +96,8 @@ class CompactParticles:
 
 
 def _compact(chunk: Particles, dtype: type) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    held = (*HELD, *OF_PORES) if chunk.pore_left.any() else HELD
-    held = held if chunk.rests else (*held, "velocity")
-    arrays = {name: getattr(chunk, name).astype(ARRAYS[name][0] if name == "node" else dtype) for name in held}
+    names = (*HELD, *OF_PORES) if chunk.pore_left.any() else HELD
+    names = names if chunk.rests else (*names, "velocity")
+    arrays = {name: getattr(chunk, name).astype(ARRAYS[name][0] if name == "node" else dtype) for name in names}
     release = chunk.release
     return arrays, release[:1].copy() if (release == release[:1]).all() else release.astype(np.int16)

@@ -185,14 +185,14 @@ class Probes:
         return np.minimum(np.arange(count + 1) * interval, end_time)
 
 
-def _points(given: Any) -> Sequence[Probe]:
-    return [Probe(name, float(x), float(y)) for name, (x, y) in given.items()] if isinstance(given, Mapping) else given
+def _points(value: Any) -> Sequence[Probe]:
+    return [Probe(name, float(x), float(y)) for name, (x, y) in value.items()] if isinstance(value, Mapping) else value
 
 
-def _sections(given: Any) -> Sequence[CrossSection]:
-    if not isinstance(given, Mapping):
-        return given  # type: ignore[no-any-return]
-    return [CrossSection(name, tuple((float(x), float(y)) for x, y in line)) for name, line in given.items()]
+def _sections(value: Any) -> Sequence[CrossSection]:
+    if not isinstance(value, Mapping):
+        return value  # type: ignore[no-any-return]
+    return [CrossSection(name, tuple((float(x), float(y)) for x, y in line)) for name, line in value.items()]
 
 
 def name_problems(several: Sequence[Probe | CrossSection]) -> Iterator[Problem]:
@@ -227,11 +227,11 @@ def place_problems(one: Probe | CrossSection, terrain: Terrain) -> Iterator[Prob
         x, y = one.vertices[0]
         at = f"at easting {x:.10g}, northing {y:.10g}" if is_point else ""
         extent = f"{terrain.source} (easting {west:.10g} to {east:.10g}, northing {south:.10g} to {north:.10g})"
-        said = f"{part.format(1.0 - inside.mean())}{what} {at} lies outside of {extent}".replace("  ", " ")
-        yield Problem(one.source, None, "", said, f"{remedy}, or check its coordinate system")
+        fault = f"{part.format(1.0 - inside.mean())}{what} {at} lies outside of {extent}".replace("  ", " ")
+        yield Problem(one.source, None, "", fault, f"{remedy}, or check its coordinate system")
     elif not known.all():
-        said = f"{part.format(1.0 - known.mean())}{what} lies on cells without elevation"
-        yield Problem(one.source, None, "", said, f"{remedy}, or fill the elevation raster")
+        fault = f"{part.format(1.0 - known.mean())}{what} lies on cells without elevation"
+        yield Problem(one.source, None, "", fault, f"{remedy}, or fill the elevation raster")
 
 
 def _standing(one: Probe | CrossSection, terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:

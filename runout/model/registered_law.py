@@ -27,18 +27,18 @@ AnyLaw = TypeVar("AnyLaw", bound="RegisteredLaw[Any]")
 
 def functions_of_law(update: Callable[..., object]) -> list[FunctionType]:
     """``update`` and the functions that it calls, without those of :mod:`runout.physics`; callees come before their callers."""
-    found: list[FunctionType] = []
-    _collect(update, found, [])  # type: ignore[arg-type]
-    return found
+    functions: list[FunctionType] = []
+    _collect(update, functions, [])  # type: ignore[arg-type]
+    return functions
 
 
-def _collect(function: FunctionType, found: list[FunctionType], above: list[FunctionType]) -> None:
+def _collect(function: FunctionType, functions: list[FunctionType], above: list[FunctionType]) -> None:
     if function in above:
         raise MaterialError(f"{_place(function)}: {function.__name__} calls itself; a kernel cannot")
     for _, value in _globals_of(function):
-        if isinstance(value, FunctionType) and not value.__module__.startswith(PHYSICS) and value not in found:
-            _collect(value, found, [*above, function])
-    found.append(function)
+        if isinstance(value, FunctionType) and not value.__module__.startswith(PHYSICS) and value not in functions:
+            _collect(value, functions, [*above, function])
+    functions.append(function)
 
 
 def _globals_of(function: FunctionType) -> Iterator[tuple[str, object]]:
@@ -57,12 +57,14 @@ def require_shared_subset(function: FunctionType) -> None:
     tree = ast.parse(textwrap.dedent(_source(function))).body[0]
     assert isinstance(tree, ast.FunctionDef)
     first = function.__code__.co_firstlineno - 1
-    found = [f"line {first + line}: {message}" for line, message in violations_in(tree)]
-    found += [f"line {first + 1}: {name} is a module; import the names that are used from it" for name in modules]
+    violations = [f"line {first + line}: {message}" for line, message in violations_in(tree)]
+    violations += [f"line {first + 1}: {name} is a module; import the names that are used from it" for name in modules]
     if function.__closure__:
-        found.append(f"line {first + 1}: {function.__name__} uses names of the function around it; put it at the top of its module")
-    if found:
-        raise MaterialError(f"{function.__code__.co_filename}: {function.__name__} cannot be compiled: {'; '.join(found)}")
+        violations.append(
+            f"line {first + 1}: {function.__name__} uses names of the function around it; put it at the top of its module"
+        )
+    if violations:
+        raise MaterialError(f"{function.__code__.co_filename}: {function.__name__} cannot be compiled: {'; '.join(violations)}")
 
 
 def fingerprint(material: type, update: Callable[..., object] | None) -> str:
@@ -179,15 +181,15 @@ def require_declared(law: RegisteredLaw[Any], kind: str, base: type, error: type
     ranges : bool
         Whether each parameter needs a range.
     """
-    said = f"{kind} {law.name or law.declaration.__qualname__}"
+    subject = f"{kind} {law.name or law.declaration.__qualname__}"
     undecorated = any(isinstance(value, Field) for value in vars(law.declaration).values())
     if undecorated or not (issubclass(law.declaration, base) and law.name.isidentifier()):
-        raise error(f"{said}: write a frozen dataclass that derives from runout.{base.__name__}, with `law` as its name")
+        raise error(f"{subject}: write a frozen dataclass that derives from runout.{base.__name__}, with `law` as its name")
     declaration: Any = law.declaration
     declared = {p.name for p in law.parameters if p.valid is not None or not ranges}
     for field in fields(declaration):
         if field.name not in declared:
-            raise error(f"{said}: {field.name} is not declared; write {field.name}: float = parameter(...)")
+            raise error(f"{subject}: {field.name} is not declared; write {field.name}: float = parameter(...)")
     for p in law.parameters:
         if p.typical is MISSING:
-            raise error(f"{said}: {p.name} has neither default= nor typical=; tests and tables need one")
+            raise error(f"{subject}: {p.name} has neither default= nor typical=; tests and tables need one")

@@ -90,17 +90,17 @@ class Registry(Generic[Entry]):
         return (*self.of_runout(), *(entry for name, (_, entry) in self._entries.items() if name not in modules_of(self.package)))
 
     def _import_from_outside(self, name: str) -> None:
-        found = list(dict.fromkeys(_declared(tuple(sys.path)).select(group=self.group, name=name)))
-        if not found:
+        entries = list(dict.fromkeys(_declared(tuple(sys.path)).select(group=self.group, name=name)))
+        if not entries:
             raise self.error(f"{name!r} is no {self.kind}; choose one of {', '.join(self.names())}")
-        if len(found) > 1:
-            raise self.error(f"{self.kind} {name}: {' and '.join(map(_origin, found))} both have one; uninstall one of them")
+        if len(entries) > 1:
+            raise self.error(f"{self.kind} {name}: {' and '.join(map(_origin, entries))} both have one; uninstall one of them")
         show_dask()  # its package may need it
         try:
-            found[0].load()
+            entries[0].load()
         except Exception as error:
-            said = f"{type(error).__name__}: {error}"
-            raise self.error(f"{self.kind} {name} of {_origin(found[0])}: {said}; mend or uninstall that package") from error
+            reason = f"{type(error).__name__}: {error}"
+            raise self.error(f"{self.kind} {name} of {_origin(entries[0])}: {reason}; mend or uninstall that package") from error
 
 
 @cache

@@ -159,11 +159,11 @@ class Structures:
         StructureError
             With all problems: holes, placement, walls thinner than two cells.
         """
-        made: Structures = reader("Structures.from_file")(
+        structures: Structures = reader("Structures.from_file")(
             path, terrain, cell_size, layer=layer, name=name, height=height, base=base, clearance=clearance, top=top,
             friction_angle_deg=friction_angle_deg, units=units, crs=crs, offset=offset,
         )  # fmt: skip
-        return made
+        return structures
 
     @classmethod
     def from_sources(
@@ -196,11 +196,11 @@ class Structures:
         DemError
             If the mesh of the overhangs cannot be used.
         """
-        made: Structures = reader("Structures.from_sources")(
+        structures: Structures = reader("Structures.from_sources")(
             sources, terrain, cell_size, overhangs=overhangs, overhang_friction_angle_deg=overhang_friction_angle_deg,
             releases=releases,
         )  # fmt: skip
-        return made
+        return structures
 
     @classmethod
     def from_overhangs(
@@ -227,5 +227,7 @@ class Structures:
         StructureError
             If nothing overhangs, or rock is thinner than two cells.
         """
-        made: Structures = reader("Structures.from_overhangs")(path, terrain, cell_size, friction_angle_deg=friction_angle_deg)
-        return made
+        structures: Structures = reader("Structures.from_overhangs")(
+            path, terrain, cell_size, friction_angle_deg=friction_angle_deg
+        )
+        return structures

@@ -113,8 +113,8 @@ class Terrain:
         ``(easting, northing)`` [m] of the outer south-west corner; ``crs`` anything that names a projected
         coordinate system.
         """
-        made: Terrain = reader("Terrain.from_array")(elevation, cell_size, crs, origin)
-        return made
+        terrain: Terrain = reader("Terrain.from_array")(elevation, cell_size, crs, origin)
+        return terrain
 
     def with_obstacles(self, path: str | PathLike[str], height: float | str, layer: str | None = None) -> "Terrain":
         """The terrain with dams, walls or basins: raised by ``height`` [m] inside the polygons of a vector file, or lowered by it.
@@ -170,13 +170,13 @@ class Terrain:
 
     def averaged(self, resolution: float) -> "Terrain":
         """The terrain averaged over whole blocks of cells to about ``resolution`` [m], as ``terrain.resolution`` does it."""
-        made: Terrain = reader("Terrain.averaged")(self, resolution)
-        return made
+        coarse: Terrain = reader("Terrain.averaged")(self, resolution)
+        return coarse
 
     def smoothed(self, length: float) -> "Terrain":
         """The terrain averaged over a triangle of half-width ``length`` [m] along both axes, as ``terrain.smoothing`` does it."""
-        made: Terrain = reader("Terrain.smoothed")(self, length)
-        return made
+        smooth: Terrain = reader("Terrain.smoothed")(self, length)
+        return smooth
 
     def plot(self, *, title: str = "") -> Any:
         """Axes of matplotlib with a map of the elevation over hillshade, on a new figure of pyplot."""

@@ -83,10 +83,10 @@ def children_allowed() -> Iterator[None]:
 
     Daemons may not, since they could leave them behind; those of runout end with their parent (:func:`end_with_parent`).
     """
-    stated = multiprocessing.current_process()._config  # type: ignore[attr-defined]
-    daemon = stated.pop("daemon", None)
+    settings = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+    daemon = settings.pop("daemon", None)
     try:
         yield
     finally:
         if daemon is not None:
-            stated["daemon"] = daemon
+            settings["daemon"] = daemon

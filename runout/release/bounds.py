@@ -48,10 +48,10 @@ def thickness_bounds(path: Path, remedy: str) -> Place:
         if source.header.cells > LARGEST_WHOLE:
             raise ReleaseError(f"{path}: {columns} x {rows} cells are too many to look for the release in; {remedy}")
         raster = source.read(None)
-    held = np.nan_to_num(raster.values) != 0
-    if not held.any():
+    covered = np.nan_to_num(raster.values) != 0
+    if not covered.any():
         raise ReleaseError(f"{path}: the release is empty; the raster is 0 or nodata everywhere")
-    used = [np.flatnonzero(held.any(axis=1 - axis)) for axis in (0, 1)]
+    used = [np.flatnonzero(covered.any(axis=1 - axis)) for axis in (0, 1)]
     a, b, c, d, e, f = raster.transform
     corner = a, b, c + a * used[1][0], d, e, f + e * used[0][0]
     shape = int(used[0][-1] - used[0][0]) + 1, int(used[1][-1] - used[1][0]) + 1

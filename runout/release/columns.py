@@ -108,12 +108,12 @@ def column_thickness(release: Release, edges_x: np.ndarray, edges_y: np.ndarray)
     else:
         columns = regrid_within(local_outline(release), thickness, edges, to_edges)
     columns = columns[1:-1, 1:-1]
-    held = float(np.diff(edges_x) @ columns @ np.diff(edges_y))
-    if abs(held / release.volume - 1.0) > CLOSE:
+    volume = float(np.diff(edges_x) @ columns @ np.diff(edges_y))
+    if abs(volume / release.volume - 1.0) > CLOSE:
         raise ReleaseError(
-            f"release {release.name!r}: the lattice holds {held:.6g} of its {release.volume:.6g} m3; make the lattice larger"
+            f"release {release.name!r}: the lattice holds {volume:.6g} of its {release.volume:.6g} m3; make the lattice larger"
         )
-    return columns * (release.volume / held)
+    return columns * (release.volume / volume)
 
 
 def _occupied(release: Release) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:

@@ -143,12 +143,12 @@ def places_in(polygon: Any, count: int) -> np.ndarray:
 
     west, south, east, north = polygon.bounds
     shapely.prepare(polygon)
-    found, number, size = np.zeros((0, 2)), 0, max(64, 2 * count)
-    while len(found) < count:
+    inside, number, size = np.zeros((0, 2)), 0, max(64, 2 * count)
+    while len(inside) < count:
         q = (0.5 + np.outer(number + 1 + np.arange(size), stagger.PLASTIC)) % 1.0
         places = np.array([west, south]) + q * np.array([east - west, north - south])
-        found, number = np.concatenate([found, places[shapely.contains_xy(polygon, *places.T)]]), number + size
-    return found[:count]
+        inside, number = np.concatenate([inside, places[shapely.contains_xy(polygon, *places.T)]]), number + size
+    return inside[:count]
 
 
 def mass_at(inflow: Inflow) -> Release:

@@ -93,12 +93,12 @@ def read_vector(
         depths = np.full(len(parts), checked("volume", volume, place=str(source), error=ReleaseError) / outline.area)
     cells, scaled = matched(_on_cells(parts, depths, terrain), terrain.cell_area, volume, str(source))
     placement = Placement.of(placement)
-    edge, body, said = _shaped(Edge.of(edge, placement), parts, depths, outline, cells, terrain, placement, str(source))
+    edge, body, sentences = _shaped(Edge.of(edge, placement), parts, depths, outline, cells, terrain, placement, str(source))
     cells = cells if body is None else body.thickness()
     friction = _polygon_friction(polygons, basal_friction_angle_deg)
     return _release(
         cells, terrain, source=str(source), outline=outline, placement=placement, edge=edge, body=body, name=name or source.stem,
-        material=material, basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled + said,
+        material=material, basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled + sentences,
         pore_pressure=pore_pressure,
     )  # fmt: skip
 
@@ -139,14 +139,14 @@ def read_raster(
     values = _positive(values, str(source), sign)
     on_terrain = _same_cells(edges, _terrain_edges(terrain))
     cells = _from_south_west(values if on_terrain else regrid(values, edges, _terrain_edges(terrain)))
-    held, kept = _volume(values, edges), float(cells.sum() * terrain.cell_area)
-    if not on_terrain and kept < held * (1 - LOST_VOLUME):
+    whole, cell_volume = _volume(values, edges), float(cells.sum() * terrain.cell_area)
+    if not on_terrain and cell_volume < whole * (1 - LOST_VOLUME):
         raise ReleaseError(
-            f"{source}: {1 - kept / held:.1%} of its {held:.6g} m3 lies outside the terrain {terrain.source}; "
+            f"{source}: {1 - cell_volume / whole:.1%} of its {whole:.6g} m3 lies outside the terrain {terrain.source}; "
             "use a larger DEM or cut the release"
         )
     if not on_terrain:
-        changes += (f"{source}: resampled by area to the cells of the terrain; its {kept:.6g} m3 are kept.",)
+        changes += (f"{source}: resampled by area to the cells of the terrain; its {cell_volume:.6g} m3 are kept.",)
     cells, scaled = matched(cells, terrain.cell_area, volume, str(source))
     return _release(
         cells, terrain, source=str(source), placement=placement, name=name or source.stem, material=material,
@@ -230,8 +230,8 @@ def _shaped(
         return edge, None, ()
     count = int(shapely.get_num_geometries(outline))
     if count > MOST_PARTS:
-        said = f"{source}: {count} separate parts are too many to be tapered ({MOST_PARTS} are not); they keep a vertical edge."
-        return Edge.VERTICAL, None, (said,)
+        sentence = f"{source}: {count} separate parts are too many to be tapered ({MOST_PARTS} are not); they keep a vertical edge."
+        return Edge.VERTICAL, None, (sentence,)
     exact = depths * (cells.sum() * terrain.cell_area / float(np.sum(depths * shapely.area(parts))))
     return edge, tapered(parts, exact, outline, terrain, excavated=placement is Placement.EXCAVATED), ()
 
@@ -298,9 +298,9 @@ def _positive(values: np.ndarray, source: str, sign: Sign | str) -> np.ndarray:
         )
     if wrong:
         other = Sign.NEGATIVE if Sign(sign) is Sign.POSITIVE else Sign.POSITIVE
-        stated = "negative" if other is Sign.NEGATIVE else "positive"
+        sign_word = "negative" if other is Sign.NEGATIVE else "positive"
         raise ReleaseError(
-            f"{source}: all {wrong} cells with thickness are {stated}; "
+            f"{source}: all {wrong} cells with thickness are {sign_word}; "
             f"if the raster states what fails that way, say so: sign={str(other)!r}"
         )
     return values
@@ -345,19 +345,19 @@ def matched(thickness: np.ndarray, cell_area: float, volume: float | None, sourc
     """
     if volume is None:
         return thickness, ()
-    stated, computed = checked("volume", volume, place=source, error=ReleaseError), float(thickness.sum() * cell_area)
+    target, computed = checked("volume", volume, place=source, error=ReleaseError), float(thickness.sum() * cell_area)
     if computed == 0:
-        raise ReleaseError(f"{source}: the volume is stated as {stated:.6g} m3, but the thickness is 0 everywhere")
-    difference = computed / stated - 1.0
+        raise ReleaseError(f"{source}: the volume is stated as {target:.6g} m3, but the thickness is 0 everywhere")
+    difference = computed / target - 1.0
     if abs(difference) > TOLERANCE:
         raise ReleaseError(
-            f"{source}: area and thickness give {computed:.6g} m3, the stated volume is {stated:.6g} m3 ({difference:+.1%}); "
+            f"{source}: area and thickness give {computed:.6g} m3, the stated volume is {target:.6g} m3 ({difference:+.1%}); "
             f"correct one of them, or leave one out ({TOLERANCE:.0%} is allowed)"
         )
     if abs(difference) < PRINTED:
-        return thickness * (stated / computed), ()
-    factor = stated / computed
-    return thickness * factor, (f"{source}: thickness scaled by {factor:.7g} to the stated {stated:.6g} m3.",)
+        return thickness * (target / computed), ()
+    factor = target / computed
+    return thickness * factor, (f"{source}: thickness scaled by {factor:.7g} to the stated {target:.6g} m3.",)
 
 
 def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
@@ -376,8 +376,8 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
     a, _, c, _, e, f = raster.transform
     x, y = c + np.arange(values.shape[1] + 1) * a, f + np.arange(values.shape[0], -1, -1) * e
     if placed.forward is not None:
-        values, edges, said = raster_on_terrain(np.ascontiguousarray(values.T), (x, y), placed, terrain, path)
-        return values, edges, (*changes, *said)
+        values, edges, resampling = raster_on_terrain(np.ascontiguousarray(values.T), (x, y), placed, terrain, path)
+        return values, edges, (*changes, *resampling)
     return np.ascontiguousarray(values.T), (x - terrain.west, y - terrain.south), (*changes, *placed.sentences)
 
 
@@ -385,8 +385,8 @@ def _needed(path: Path, header: Header, placed: ToTerrain, terrain: Terrain) -> 
     """Extent of a raster that is read, and a sentence unless it is all: of huge rasters only the cells on and near the terrain."""
     if header.cells <= LARGEST_WHOLE:
         return None, ()
-    said = f"{path}: the cells on and near the terrain are read; releases elsewhere are left out."
-    return _around(terrain, placed, header.transform), (said,)
+    sentence = f"{path}: the cells on and near the terrain are read; releases elsewhere are left out."
+    return _around(terrain, placed, header.transform), (sentence,)
 
 
 def _around(terrain: Terrain, placed: ToTerrain, transform: tuple[float, ...]) -> Bounds:

@@ -50,10 +50,10 @@ def count_particles(releases: Sequence[Release], how: Sampling) -> int:
 def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[int, int, int]:
     """Particles (px, py, pz) of a full cell: as equal as possible, then equal in plan (8 gives 2, 2, 2; 4 gives 2, 2, 1)."""
     if not isinstance(particles_per_cell, int | np.integer):
-        given = tuple(particles_per_cell)
-        if len(given) != 3 or not all(isinstance(n, int | np.integer) and n >= 1 for n in given):
+        counts = tuple(particles_per_cell)
+        if len(counts) != 3 or not all(isinstance(n, int | np.integer) and n >= 1 for n in counts):
             raise ConfigError(f"particles_per_cell is {particles_per_cell}; give one number or three, such as 8 or (2, 2, 2)")
-        return int(given[0]), int(given[1]), int(given[2])
+        return int(counts[0]), int(counts[1]), int(counts[2])
     n = int(particles_per_cell)
     if not 1 <= n <= 1000:
         raise ConfigError(f"particles_per_cell is {n}; it must lie between 1 and 1000, 8 is usual")

@@ -44,9 +44,11 @@ class Part:
     def volumes(self, factor: float) -> np.ndarray:
         """Volume (rows, columns) [m3] in each cell of the window, for ``factor`` times the volume; their sum is exact."""
         wanted = factor * self.volume
-        found = np.asarray(self.cells @ self._thickness(factor)).reshape(self.covered.shape)
-        found = np.where(self.covered > 0, np.maximum(found, self.covered * (THINNEST * wanted / self.covered.sum())), 0.0)
-        return found * (wanted / found.sum())
+        cell_volumes = np.asarray(self.cells @ self._thickness(factor)).reshape(self.covered.shape)
+        cell_volumes = np.where(
+            self.covered > 0, np.maximum(cell_volumes, self.covered * (THINNEST * wanted / self.covered.sum())), 0.0
+        )
+        return cell_volumes * (wanted / cell_volumes.sum())
 
     def _thickness(self, factor: float) -> np.ndarray:
         """Thickness (n,) [m] at the nodes: the deeper bowl, cut at the plane for which the volume is right."""
@@ -56,9 +58,9 @@ class Part:
         size = self.cells.sum(axis=0)
         wanted, deep = float(bowl @ size), DEEPEST * bowl
         level = np.minimum(deep, self.planes[0])
-        held = float(level @ size)
-        if held <= wanted:  # the volume does not fit above a level floor: the rest is excavated below the outlet
-            return level + (deep - level) * (wanted - held) / (DEEPEST * wanted - held)
+        level_volume = float(level @ size)
+        if level_volume <= wanted:  # the volume does not fit above a level floor: the rest is excavated below the outlet
+            return level + (deep - level) * (wanted - level_volume) / (DEEPEST * wanted - level_volume)
         low, high = 0.0, len(self.planes) - 1.0
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -249,10 +251,10 @@ def _bowl(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
         columns += [other[both], one[both]]
     beside = np.concatenate(rows), np.concatenate(columns)
     coupling = sparse.csc_array((np.ones(len(beside[0])), beside), shape=(count, count))
-    found = np.asarray(spsolve(4.0 * sparse.eye_array(count, format="csc") - coupling, source[inside]))
-    if not np.isfinite(found).all() or found.min() <= 0:
+    solution = np.asarray(spsolve(4.0 * sparse.eye_array(count, format="csc") - coupling, source[inside]))
+    if not np.isfinite(solution).all() or solution.min() <= 0:
         raise ReleaseError("the outline is too intricate to be tapered; simplify it, or state edge: vertical")
-    return found
+    return solution
 
 
 def _planes(ground: list[np.ndarray], lattices: list[_Lattice], inside: np.ndarray, count: int) -> np.ndarray:

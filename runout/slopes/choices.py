@@ -26,14 +26,14 @@ _WASTING = {
 
 def record(choices: Any) -> dict[str, Any]:
     """Choices by name for a JSON record: angles in degrees say so, and numbers of an ellipsoid or a plane have names."""
-    found: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     for name, value in asdict(choices).items():
         if name == "ellipsoid" and value is not None:
             value = dict(zip(_PARTS[name], value, strict=True))
         elif name == "plane":
             value = [dict(zip(_PARTS[name], one, strict=True)) for one in value]
-        found[f"{name}_deg" if name in _IN_DEGREES else name] = value
-    return found
+        content[f"{name}_deg" if name in _IN_DEGREES else name] = value
+    return content
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,14 @@ class Strength:
             raise ConfigError("--transmissivity-recharge has no meaning with --saturation; leave one of the two out")
 
 
-def _check_range(name: str, stated: tuple[float, float]) -> None:
+def _check_range(name: str, interval: tuple[float, float]) -> None:
     option, valid = "--" + name.replace("_", "-"), SOIL_RANGES[name]
-    for value in stated:
+    for value in interval:
         if valid.degrees and looks_like_radians(value):
             raise ConfigError(f"{option} is {value:g} degrees; {radians_remedy(value)}")
         checked_within(valid, option, value, error=ConfigError)
-    if stated[0] > stated[1]:
-        raise ConfigError(f"{option} is {stated[0]:g} {stated[1]:g}; the smaller value comes first")
+    if interval[0] > interval[1]:
+        raise ConfigError(f"{option} is {interval[0]:g} {interval[1]:g}; the smaller value comes first")
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ class ScarpChoices:
 
     def __post_init__(self) -> None:
         if (self.ellipsoid is None) == (not self.plane):
-            said = "both are given" if self.plane else "neither is given"
-            raise ConfigError(f"a scarp is --ellipsoid or --plane; {said}; state one kind")
+            fault = "both are given" if self.plane else "neither is given"
+            raise ConfigError(f"a scarp is --ellipsoid or --plane; {fault}; state one kind")
         others = {"--azimuth": self.azimuth, "--tilt": self.tilt} if self.plane else {"--outline": self.outline}
         for option, value in others.items():
             if value is not None:

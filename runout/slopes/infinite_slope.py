@@ -44,12 +44,12 @@ def sampled(soil: StabilitySettings) -> np.ndarray:
 
     probability = qmc.Sobol(4, scramble=True, rng=soil.sample_seed).random(soil.samples).T
     water = soil.transmissivity_recharge if soil.saturation is None else soil.saturation
-    stated = (soil.cohesion, soil.friction_angle_deg, soil.soil_thickness, water)
-    found = np.stack([values(one, probability) for one, probability in zip(stated, probability, strict=True)])
-    found[1] = np.tan(np.radians(found[1]))
+    entries = (soil.cohesion, soil.friction_angle_deg, soil.soil_thickness, water)
+    samples = np.stack([values(one, probability) for one, probability in zip(entries, probability, strict=True)])
+    samples[1] = np.tan(np.radians(samples[1]))
     if soil.saturation is None:
-        found[3] = 1.0 / found[3]
-    return found
+        samples[3] = 1.0 / samples[3]
+    return samples
 
 
 def factor_of_safety(slope, cohesion, friction, thickness, wetness, density: float):  # type: ignore[no-untyped-def]
@@ -110,10 +110,10 @@ def _of_cells(slope: np.ndarray, area: np.ndarray, samples: np.ndarray, soil: St
 
 
 def resolved(
-    strength: Strength | None = None, choices: PatchChoices | None = None, stated: StabilitySettings | None = None
+    strength: Strength | None = None, choices: PatchChoices | None = None, settings: StabilitySettings | None = None
 ) -> StabilitySettings:
     """What holds: options, else what site.yaml states, else the defaults."""
-    site = stated or StabilitySettings()
+    site = settings or StabilitySettings()
     options = vars(strength or Strength()) | vars(choices or PatchChoices())
     from_options = {_key(name): _sampled(name, value) for name, value in options.items() if value is not None}
     from_site = {name: getattr(site, name) for name in site.model_fields_set}

@@ -84,8 +84,8 @@ def _placed(terrain: "Terrain", thickness: np.ndarray, parameters: MassWasting) 
         size = parameters.resolution
         shortest = min(n * h for n, h in zip(part.shape, part.cell_size[::-1], strict=True))
         if FEWEST * size > shortest:
-            said = f"{size:g} m leaves less than {FEWEST} cells of the {shortest:g} m that the mass can reach"
-            raise ConfigError(f"--resolution is {said}; state a finer one, or leave it out")
+            fault = f"{size:g} m leaves less than {FEWEST} cells of the {shortest:g} m that the mass can reach"
+            raise ConfigError(f"--resolution is {fault}; state a finer one, or leave it out")
     ground, mass = _on_square_cells(part, mass, size)
     expected = seconds(ground.shape, (mass > 0).sum())
     if parameters.resolution is not None and expected > REFUSED:

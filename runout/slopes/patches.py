@@ -66,15 +66,15 @@ def suggest(drained: "Drainage", stable: "Stability", choices: StabilitySettings
     cells = np.bincount(label.ravel(), minlength=count + 1)
     large = [k for k in range(1, count + 1) if cells[k] * terrain.cell_area >= choices.least_area]
     patches = sorted(_patches(label, large, drained, stable), key=lambda one: -one.expected_volume)
-    held = [one for one in patches if fits_memory(one.attributes["particles"], terrain)]
-    ranked = [Patch(one.outline, {"rank": k, **one.attributes}) for k, one in enumerate(held[: choices.most], 1)]
+    affordable = [one for one in patches if fits_memory(one.attributes["particles"], terrain)]
+    ranked = [Patch(one.outline, {"rank": k, **one.attributes}) for k, one in enumerate(affordable[: choices.most], 1)]
     left = {
         f"has a probability of failure of {choices.probability:g} or more": (int(likely.sum()), "--probability"),
         f"of these drains {choices.largest_drainage:g} m2 or less": (int(slope_cells.sum()), "--largest-drainage"),
         "of these lies in a strip of three cells or wider": (int(opened.sum()), "--probability"),
         f"of these lies in a patch of {choices.least_area:g} m2 or more": (int(cells[large].sum()), "--least-area"),
     }
-    return Suggestion(ranked, len(patches), left, len(patches) - len(held))
+    return Suggestion(ranked, len(patches), left, len(patches) - len(affordable))
 
 
 def fits_memory(particles: float, terrain: "Terrain") -> bool:

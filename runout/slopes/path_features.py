@@ -116,7 +116,7 @@ def _confined(drained: "Drainage", cells: np.ndarray, peak: np.ndarray) -> np.nd
     """Whether the ground rises above the flow on both sides of the path, at right angles to its mean direction."""
     ground, (dx, dy) = drained.terrain.elevation, drained.terrain.cell_size
     reach = np.arange(1, max(SIDE_CELLS, math.ceil(SIDE / max(dx, dy))) + 1)
-    found = np.zeros(len(cells), bool)
+    confined = np.zeros(len(cells), bool)
     for k, (row, column) in enumerate(cells):
         ahead = cells[min(k + 2, len(cells) - 1)] - cells[max(k - 2, 0)]
         length = float(np.hypot(*ahead))
@@ -124,8 +124,8 @@ def _confined(drained: "Drainage", cells: np.ndarray, peak: np.ndarray) -> np.nd
             continue
         across = np.array([-ahead[1], ahead[0]]) / length
         surface = ground[row, column] + np.nan_to_num(peak[row, column])
-        found[k] = all(_rises(ground, (row, column), side * across, reach, surface) for side in (1.0, -1.0))
-    return found
+        confined[k] = all(_rises(ground, (row, column), side * across, reach, surface) for side in (1.0, -1.0))
+    return confined
 
 
 def _rises(ground: np.ndarray, start: tuple[int, int], across: np.ndarray, reach: np.ndarray, surface: float) -> bool:
@@ -145,8 +145,8 @@ def features(drained: "Drainage", path: FlowPath, peak: np.ndarray, standing: Se
     standing : sequence of Standing
         Structures and obstacles of the site.
     """
-    found = [*_steps(drained, path), *_mouths(drained, path, peak), *_reached(drained, path, peak, standing)]
-    return sorted(found, key=lambda one: one.distance)
+    places = [*_steps(drained, path), *_mouths(drained, path, peak), *_reached(drained, path, peak, standing)]
+    return sorted(places, key=lambda one: one.distance)
 
 
 def _place(drained: "Drainage", path: FlowPath, k: int, kind: str, size: float) -> Feature:
@@ -179,7 +179,7 @@ def _reached(drained: "Drainage", path: FlowPath, peak: np.ndarray, standing: Se
     """Structures and obstacles whose cells the flow reaches, at the nearest point of the path."""
     import shapely
 
-    terrain, found = drained.terrain, []
+    terrain, reached = drained.terrain, []
     points = path.points(drained)
     rows, columns = np.nonzero(np.nan_to_num(peak) > 0)
     wet = shapely.points(terrain.easting[columns], terrain.northing[rows])
@@ -191,5 +191,5 @@ def _reached(drained: "Drainage", path: FlowPath, peak: np.ndarray, standing: Se
             at = int(np.argmin(np.hypot(*(points - np.array(outline.centroid.coords[0])).T)))
             thickest = float(peak[rows[inside], columns[inside]].max())
             place = outline.centroid
-            found.append(Feature(one.kind, place.x, place.y, float(path.distance[at]), thickest, one))
-    return found
+            reached.append(Feature(one.kind, place.x, place.y, float(path.distance[at]), thickest, one))
+    return reached

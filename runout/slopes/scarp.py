@@ -172,10 +172,10 @@ def scarp_planes(
     ReleaseError
         If a value is out of range, the planes enclose no mass, or one that reaches the edge of the terrain.
     """
-    stated = [plane if isinstance(plane, ScarpPlane) else ScarpPlane(*plane) for plane in planes]
-    if not stated:
+    surfaces = [plane if isinstance(plane, ScarpPlane) else ScarpPlane(*plane) for plane in planes]
+    if not surfaces:
         raise ReleaseError("no plane is stated; a scarp of planes needs one at least")
-    bases = [_base(terrain, plane) for plane in stated]
+    bases = [_base(terrain, plane) for plane in surfaces]
 
     def thickness(x: np.ndarray, y: np.ndarray, ground: np.ndarray) -> np.ndarray:
         surface = np.max([z + gx * (x - e) + gy * (y - n) for e, n, z, gx, gy in bases], axis=0)
@@ -247,15 +247,15 @@ def _around(terrain: "Terrain", above: np.ndarray, bases: Sequence[tuple[float, 
     north = terrain.extent[3]
     rows = [int((north - n) / terrain.cell_size[1]) for _, n, *_ in bases]
     columns = [int((e - terrain.west) / terrain.cell_size[0]) for e, *_ in bases]
-    kept = np.isin(label, [k for k in label[rows, columns] if k])
-    if not kept.any():
+    wanted = np.isin(label, [k for k in label[rows, columns] if k])
+    if not wanted.any():
         raise ReleaseError("the planes hold no mass at their points: at each, another plane lies above the ground; lower it")
-    if kept[[0, -1]].any() or kept[:, [0, -1]].any():
+    if wanted[[0, -1]].any() or wanted[:, [0, -1]].any():
         raise ReleaseError(
             f"the planes do not close the mass: it reaches the edge of {terrain.source}; add a steeper plane behind or at the "
             "sides, or limit it with an outline"
         )
-    return kept
+    return wanted
 
 
 def _covered_share(terrain: "Terrain", path: Path) -> np.ndarray:
@@ -275,12 +275,12 @@ def _covered_share(terrain: "Terrain", path: Path) -> np.ndarray:
 
 def _release(terrain: "Terrain", thickness: np.ndarray, volume: float | None, name: str) -> "Release":
     """The release, scaled to a stated volume."""
-    held = float(thickness.sum() * terrain.cell_area)
-    if held == 0.0:
+    present_volume = float(thickness.sum() * terrain.cell_area)
+    if present_volume == 0.0:
         raise ReleaseError(f"{name}: the scarp holds no mass: its surface lies above the ground everywhere; lower it")
     require_elevation(thickness, terrain, name)
     if volume is not None:
-        thickness = thickness * (checked("volume", volume, error=ReleaseError) / held)
+        thickness = thickness * (checked("volume", volume, error=ReleaseError) / present_volume)
     checked("thickness", float(thickness.max()), place=name, key="largest thickness", error=ReleaseError)
     return release_from_array(thickness, terrain, name=name, source=name)
 
@@ -333,12 +333,12 @@ def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
     maps = map_dataset(terrain, {"release_thickness": release.thickness}, title=f"{place.name}: scarp {choices.name}")
     stored = maps["release_thickness"].values.astype(np.float64)
     volume = float(stored.sum() * terrain.cell_area)
-    made = {"runout": __version__, "elevation": terrain.source, **record(choices), "volume_m3": volume}
-    made |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
+    contents = {"runout": __version__, "elevation": terrain.source, **record(choices), "volume_m3": volume}
+    contents |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
     write_cog(maps, "release_thickness", file)
     edges = class_edges("release_thickness", (), 0.0, float(stored.max()))
     write_text(qml(edges, VARIABLES["release_thickness"].printed[0], "release_thickness"), file.with_suffix(".qml"))
-    write_json(made, file.with_suffix(".json"))
+    write_json(contents, file.with_suffix(".json"))
     console = log.output()
     console.print(f"volume: {volume:.9g} m3", markup=False)
     console.print(f"area: {release.area:.6g} m2; largest thickness {release.thickness.max():.4g} m", markup=False)

@@ -56,16 +56,16 @@ def sinks(drained: "Drainage", least_depth: float = LEAST_DEPTH) -> tuple[list[S
     label, count = ndimage.label(depth > 0, np.ones((3, 3)))
     numbers = np.arange(1, count + 1)
     deepest = ndimage.maximum(depth, label, numbers) if count else np.zeros(0)
-    kept = numbers[deepest > least_depth]
+    deep = numbers[deepest > least_depth]
     cells = np.bincount(label.ravel(), minlength=count + 1)
     volumes = np.bincount(label.ravel(), depth.ravel(), count + 1) * drained.terrain.cell_area
     totals = {
-        "number": len(kept),
-        "area_m2": float(cells[kept].sum() * drained.terrain.cell_area),
-        "volume_m3": float(volumes[kept].sum()),
+        "number": len(deep),
+        "area_m2": float(cells[deep].sum() * drained.terrain.cell_area),
+        "volume_m3": float(volumes[deep].sum()),
         "deepest_m": float(deepest.max(initial=0.0)),
     }
-    order = kept[np.argsort(-volumes[kept], kind="stable")][:MOST_SINKS]
+    order = deep[np.argsort(-volumes[deep], kind="stable")][:MOST_SINKS]
     boxes = ndimage.find_objects(label)
     return [_sink(drained, depth, label, int(k), boxes[k - 1], float(volumes[k])) for k in order], totals
 
@@ -180,7 +180,7 @@ class TerrainFigures:
 
 def terrain_figures(drained: "Drainage", slope: np.ndarray) -> TerrainFigures:
     """Figures of a drained terrain with its slope (rows, columns) [rad]."""
-    found, totals = sinks(drained)
+    closed_sinks, totals = sinks(drained)
     least = path_area(drained)
     degrees = np.degrees(slope[np.isfinite(slope)])
     counts = np.histogram(degrees, SLOPE_CLASSES_DEG)[0] / max(degrees.size, 1)
@@ -188,4 +188,6 @@ def terrain_figures(drained: "Drainage", slope: np.ndarray) -> TerrainFigures:
     unknown = int(np.isnan(drained.terrain.elevation).sum())
     classes = {name: float(share) for name, share in zip(names, counts, strict=True)}
     paths = flow_paths(drained, least)
-    return TerrainFigures(found, totals, hidden_share(drained), paths, least, classes, float(degrees.max(initial=0.0)), unknown)
+    return TerrainFigures(
+        closed_sinks, totals, hidden_share(drained), paths, least, classes, float(degrees.max(initial=0.0)), unknown
+    )

@@ -65,17 +65,17 @@ def _made(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float
     table[tuple(blocks.T)] = np.arange(len(blocks))
     signed = np.where(inside, -distance, distance).astype(np.float32)
     origin = tuple(float(x) for x in first * (CELLS * lattice))
-    found = StructureField(lattice, origin, table, signed, patch, band, patches)  # type: ignore[arg-type]
-    return _named(solids, measured_patches(found, pieces, spacing))
+    field = StructureField(lattice, origin, table, signed, patch, band, patches)  # type: ignore[arg-type]
+    return _named(solids, measured_patches(field, pieces, spacing))
 
 
 def _named(solids: Sequence[Solid], field: StructureField) -> Structures:
     """Names of structures and facades; facades without a patch, those in the ground, are left out."""
     owner = np.repeat(np.arange(len(solids)), [len(s.facades) for s in solids])
     names = [name for solid in solids for name in solid.facades]
-    kept, row = np.unique(field.patches.facade, return_inverse=True)
+    facades, row = np.unique(field.patches.facade, return_inverse=True)
     renumbered = replace(field, patches=replace(field.patches, facade=row.ravel()))
-    return Structures(tuple(s.name for s in solids), tuple(names[k] for k in kept), owner[kept], renumbered)
+    return Structures(tuple(s.name for s in solids), tuple(names[k] for k in facades), owner[facades], renumbered)
 
 
 def _blocks_near(pieces: Pieces, lattice: float, band: float) -> tuple[np.ndarray, np.ndarray]:
@@ -171,14 +171,14 @@ def measured_patches(field: StructureField, pieces: Pieces, spacing: Sequence[fl
     for first in range(0, len(seen.corners), PORTION):
         _measure(seen[np.arange(first, min(first + PORTION, len(seen.corners)))], field, spacing, sums)
     joins = _neighbours(replace(patches, area=sums[:, 0]), max(spacing))
-    kept, row = np.unique(joins, return_inverse=True)
-    joined = np.zeros((len(kept), 7))
+    remaining, row = np.unique(joins, return_inverse=True)
+    joined = np.zeros((len(remaining), 7))
     np.add.at(joined, row.ravel(), sums)
-    made = Patches(
-        joined[:, 1:4] / joined[:, :1], _unit(joined[:, 4:], patches.normal[kept]), joined[:, 0], patches.facade[kept],
-        patches.friction[kept],
+    merged = Patches(
+        joined[:, 1:4] / joined[:, :1], _unit(joined[:, 4:], patches.normal[remaining]), joined[:, 0], patches.facade[remaining],
+        patches.friction[remaining],
     )  # fmt: skip
-    return replace(field, patches=made, patch=row.ravel().astype(np.int32)[field.patch])
+    return replace(field, patches=merged, patch=row.ravel().astype(np.int32)[field.patch])
 
 
 def _measure(pieces: Pieces, field: StructureField, spacing: Sequence[float], sums: np.ndarray) -> None:
@@ -205,7 +205,7 @@ def _patch_at(field: StructureField, points: np.ndarray) -> np.ndarray:
 
 def _neighbours(patches: Patches, length: float) -> np.ndarray:
     """The patch that each one joins: itself, or the nearest that is not small of its facade."""
-    found, places = np.arange(len(patches.area)), _places(patches, length)
+    neighbours, places = np.arange(len(patches.area)), _places(patches, length)
     order = np.argsort(patches.facade, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(patches.facade[order])) + 1):
         area = np.sort(patches.area[rows])
@@ -213,8 +213,8 @@ def _neighbours(patches: Patches, length: float) -> np.ndarray:
         small = patches.area[rows] < SMALL * median
         if small.any():
             large = rows[~small]
-            found[rows[small]] = large[cKDTree(places[large]).query(places[rows[small]])[1]]
-    return found
+            neighbours[rows[small]] = large[cKDTree(places[large]).query(places[rows[small]])[1]]
+    return neighbours
 
 
 def _places(patches: Patches, length: float) -> np.ndarray:

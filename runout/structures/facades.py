@@ -22,11 +22,11 @@ def side_of(normal: np.ndarray) -> str:
 def numbered(names: Sequence[str]) -> list[str]:
     """Names, each once: those that occur several times get a number."""
     total, seen = Counter(names), Counter[str]()
-    found = []
+    unique_names = []
     for name in names:
         seen[name] += 1
-        found.append(f"{name} {seen[name]}" if total[name] > 1 else name)
-    return found
+        unique_names.append(f"{name} {seen[name]}" if total[name] > 1 else name)
+    return unique_names
 
 
 def walls_of(ring: np.ndarray) -> tuple[np.ndarray, list[str]]:

@@ -116,14 +116,14 @@ def near_enough(centre, radius, discs, among, count, chosen):
         f = among[n]
         away = minus(centre, (discs[f, 0], discs[f, 1], discs[f, 2]))
         nearest = min(nearest, math.sqrt(dot(away, away)) + discs[f, 3])
-    kept = 0
+    near_count = 0
     for n in range(count):
         f = among[n]
         away = minus(centre, (discs[f, 0], discs[f, 1], discs[f, 2]))
         if math.sqrt(dot(away, away)) - discs[f, 3] <= nearest + 2.0 * radius:
-            chosen[kept] = f
-            kept += 1
-    return kept
+            chosen[near_count] = f
+            near_count += 1
+    return near_count
 
 
 @njit(**OPTIONS)
@@ -181,11 +181,11 @@ def _fill_part(b, part, low, spacing, corners, discs, lists, in_block, distance,
             bound = math.inf
             for k in range(k0, k0 + HALF + 1):
                 p = low[b, 0] + i * spacing, low[b, 1] + j * spacing, low[b, 2] + k * spacing
-                found = nearest_triangle(p, corners, discs, lists[2], count, bound)
-                distance[b, i, j, k], index[b, i, j, k] = found[0], found[1]
+                nearest_one = nearest_triangle(p, corners, discs, lists[2], count, bound)
+                distance[b, i, j, k], index[b, i, j, k] = nearest_one[0], nearest_one[1]
                 for axis in range(3):
-                    foot[b, i, j, k, axis] = found[3][axis]
-                bound = found[0] + NEXT * spacing  # the distance changes by no more than the step
+                    foot[b, i, j, k, axis] = nearest_one[3][axis]
+                bound = nearest_one[0] + NEXT * spacing  # the distance changes by no more than the step
 
 
 @njit(**OPTIONS)

@@ -56,9 +56,9 @@ class Search:
 
 def mesh_faults(solid: Solid, terrain: Terrain, rounding: float, search: Search) -> Iterator[str]:
     """What makes a body one without inside and outside; ``rounding`` of its coordinates [m] crosses no faces."""
-    found = _named_fault(solid, terrain)
-    if found:
-        yield f"{solid.place}: {found}"
+    fault = _named_fault(solid, terrain)
+    if fault:
+        yield f"{solid.place}: {fault}"
     elif abs(volume(solid.vertices, solid.faces)) <= FLAT * np.ptp(solid.box, axis=0).max() ** 3:
         yield f"{solid.place}: the mesh has no volume; export a body, not a surface"
     elif len(points := search.crossings(solid, rounding)):

@@ -31,7 +31,7 @@ def overhang_bodies(overhangs: Overhangs, terrain: Terrain, friction: float) -> 
     """
     from scipy.ndimage import label
 
-    found = []
+    bodies = []
     layer = _layers(overhangs, terrain.shape)
     for number in np.unique(layer):
         chosen = np.flatnonzero(layer == number)
@@ -39,8 +39,8 @@ def overhang_bodies(overhangs: Overhangs, terrain: Terrain, friction: float) -> 
         cells[overhangs.row[chosen], overhangs.column[chosen]] = True
         group, count = label(cells)
         own = group[overhangs.row[chosen], overhangs.column[chosen]]
-        found += [_body(overhangs, chosen[own == k], terrain, friction) for k in range(1, count + 1)]
-    return found
+        bodies += [_body(overhangs, chosen[own == k], terrain, friction) for k in range(1, count + 1)]
+    return bodies
 
 
 def _layers(overhangs: Overhangs, shape: tuple[int, int]) -> np.ndarray:

@@ -64,7 +64,7 @@ def cut_pieces(solids: Sequence[Solid], terrain: Terrain, cell: float) -> tuple[
 
     Pieces that lie on or in another body are left out. The triangles are faces, or the pieces of faces that are partly covered.
     """
-    found, surface, first = [], [], 0
+    pieces, surface, first = [], [], 0
     for row, solid in enumerate(solids):
         faces = solid.corners
         corners, parent = _cut_at_ground(faces, terrain, cell)
@@ -73,9 +73,9 @@ def cut_pieces(solids: Sequence[Solid], terrain: Terrain, cell: float) -> tuple[
         covered = _covered(piece, row, solids, cell)
         whole = np.bincount(parent[covered], minlength=len(faces)) == 0
         surface += [faces[whole], corners[~covered & ~whole[parent]]]
-        found.append(piece[~covered])
+        pieces.append(piece[~covered])
         first += len(solid.facades)
-    joined = [np.concatenate([vars(p)[name] for p in found]) for name in vars(found[0])]
+    joined = [np.concatenate([vars(p)[name] for p in pieces]) for name in vars(pieces[0])]
     return Pieces(*joined), np.concatenate(surface)
 
 
@@ -92,8 +92,8 @@ def _cut_at_ground(corners: np.ndarray, terrain: Terrain, cell: float) -> tuple[
     )  # fmt: skip
     p, q = (a + (h_a / (h_a - h))[:, None] * (end - a) for end, h in ((b, h_b), (c, h_c)))
     parts = np.concatenate([np.stack(part, 1) for part in ((a, p, q), (p, b, c), (p, c, q))])
-    kept = normals_and_areas(parts)[1] > 0
-    return np.concatenate([pieces[~cuts], parts[kept]]), np.concatenate([parent[~cuts], np.tile(parent[cuts], 3)[kept]])
+    has_area = normals_and_areas(parts)[1] > 0
+    return np.concatenate([pieces[~cuts], parts[has_area]]), np.concatenate([parent[~cuts], np.tile(parent[cuts], 3)[has_area]])
 
 
 def _covered(pieces: Pieces, row: int, solids: Sequence[Solid], cell: float) -> np.ndarray:

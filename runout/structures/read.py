@@ -120,8 +120,8 @@ def structures_from_sources(
     require_sound(bodies.solids, terrain, spacing, releases)
     for warning in low_structures(bodies.solids, terrain, spacing):
         LOGGER.warning("%s", warning)
-    made = build_structures(bodies.solids, terrain, spacing)
-    if made is None:
+    structures = build_structures(bodies.solids, terrain, spacing)
+    if structures is None:
         named = ", ".join(str(source.path) for source in sources) or overhangs or "no file"
         raise StructureError(f"{named}: holds no structure; leave structures out of the run")
-    return made
+    return structures

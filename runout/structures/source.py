@@ -79,9 +79,9 @@ class StructureSource:
 
     def _faults(self) -> Iterator[str]:
         for key in ("layer", "name", "units"):
-            stated = getattr(self, key)
-            if not isinstance(stated, str) and (stated is not None or key == "name"):
-                yield f"{key} is {stated!r}; give text"
+            value = getattr(self, key)
+            if not isinstance(value, str) and (value is not None or key == "name"):
+                yield f"{key} is {value!r}; give text"
         parts = np.ravel(np.asarray(self.offset, object)).tolist()
         if len(parts) != 3 or not all(isinstance(x, int | float) and np.isfinite(x) for x in parts):
             yield f"offset is {self.offset!r}; give three finite numbers in m: easting, northing, elevation"

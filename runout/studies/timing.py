@@ -170,16 +170,16 @@ def memory_of(engine: Any, n: int) -> dict[str, float]:
     }
 
 
-def _arrays(held: Any, seen: set[int]) -> Iterator[tuple[int, int]]:
+def _arrays(part: Any, seen: set[int]) -> Iterator[tuple[int, int]]:
     """Identity and bytes of the arrays reachable from an object by its attributes; a scene is input and does not count."""
-    if id(held) in seen or type(held).__name__ in ("Scene", "module"):
+    if id(part) in seen or type(part).__name__ in ("Scene", "module"):
         return
-    seen.add(id(held))
-    if isinstance(held, np.ndarray):
-        own = _owner(held)
+    seen.add(id(part))
+    if isinstance(part, np.ndarray):
+        own = _owner(part)
         yield id(own), own.nbytes
-    elif isinstance(held, dict | list | tuple) or (hasattr(held, "__dict__") and type(held).__module__.startswith("runout.")):
-        items = held if isinstance(held, list | tuple) else held.values() if isinstance(held, dict) else vars(held).values()
+    elif isinstance(part, dict | list | tuple) or (hasattr(part, "__dict__") and type(part).__module__.startswith("runout.")):
+        items = part if isinstance(part, list | tuple) else part.values() if isinstance(part, dict) else vars(part).values()
         for item in items:
             yield from _arrays(item, seen)
 

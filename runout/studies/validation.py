@@ -75,7 +75,7 @@ def command(cases: Sequence[str], full: bool, out: Path | None) -> ExitCode:
 
 def named(name: str) -> ValidationCase:
     """The case of a name. Raises ConfigError if there is none."""
-    found = CASES.get(name.lower().replace("-", "_"))
-    if found is None:
+    case = CASES.get(name.lower().replace("-", "_"))
+    if case is None:
         raise ConfigError(f"there is no case {name!r}; choose among {', '.join(CASES)}")
-    return found
+    return case

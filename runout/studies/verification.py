@@ -121,11 +121,11 @@ def run_plane(
     spacing = 0.05 if full else 0.1
     plane = sliding_box.Plane(slope, azimuth, offset, spacing, precision=precision, settled=settled)
     started = time.perf_counter()
-    found = sliding_box.summary(plane)
-    LOGGER.info("sliding box at %g deg, azimuth %g deg, %g h off a node: %s", slope, azimuth, offset, found)
-    stated = asdict(plane)
-    setup = {"size": sliding_box.SIZE, "friction_angle_deg": sliding_box.FRICTION_ANGLE, **stated.pop("body"), **stated}
-    return {"case": "sliding-box", **found, "setup": setup, "seconds": time.perf_counter() - started}
+    row = sliding_box.summary(plane)
+    LOGGER.info("sliding box at %g deg, azimuth %g deg, %g h off a node: %s", slope, azimuth, offset, row)
+    parameters = asdict(plane)
+    setup = {"size": sliding_box.SIZE, "friction_angle_deg": sliding_box.FRICTION_ANGLE, **parameters.pop("body"), **parameters}
+    return {"case": "sliding-box", **row, "setup": setup, "seconds": time.perf_counter() - started}
 
 
 def command(

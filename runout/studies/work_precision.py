@@ -175,24 +175,24 @@ def measured_roofline(choices: Choices) -> list[dict[str, float]]:
 
 def ratios(studies: Study, roofline: Sequence[dict[str, float]]) -> dict[str, Any]:
     """Ratios of rates within a study; each pair took turns in one run."""
-    found: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     sizes, one = studies.get("size", []), min((m["case"]["threads"] for m in studies.get("size", [])), default=1)
     alone = {m["case"]["particles"]: m["rate"] for m in sizes if m["case"]["threads"] == one}
-    found["threads"] = [
+    content["threads"] = [
         {"particles": m["particles"], "threads": m["case"]["threads"], "ratio": m["rate"] / alone[m["case"]["particles"]]}
         for m in sizes
         if m["case"]["threads"] != one
     ]
     double = {m["case"]["precision"]: m["rate"] for m in studies.get("precision", [])}
     if len(double) == 2:
-        found["float64_over_float32"] = double["float64"] / double["float32"]
+        content["float64_over_float32"] = double["float64"] / double["float32"]
     depth = {(m["case"]["depth"], m["case"]["upwards"]): m["rate"] for m in studies.get("depth", [])}
-    found["thin_over_deep"] = [
+    content["thin_over_deep"] = [
         {"depth": d, "deep": DEEP, "upwards": u, "ratio": depth[d, u] / depth[DEEP, u]} for u in UPWARDS for d in THIN
     ]
-    found["sparsity"] = _sparsity_ratios(studies.get("sparsity", []))
-    found["roofline"] = [share for m in sizes for share in _bounds(m, roofline)]
-    return found
+    content["sparsity"] = _sparsity_ratios(studies.get("sparsity", []))
+    content["roofline"] = [share for m in sizes for share in _bounds(m, roofline)]
+    return content
 
 
 def _sparsity_ratios(measurements: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -35,18 +35,18 @@ def read_friction_rasters(paths: Mapping[str, str | PathLike[str]], terrain: Ter
     unknown = [key for key in paths if key not in of_law]
     if unknown:
         raise ZoneError(f"friction_rasters: the friction law {chosen.name} has no {unknown[0]}; choose among {', '.join(of_law)}")
-    gridded, said, warnings = {}, [], []
+    gridded, statements, warnings = {}, [], []
     for key, path in paths.items():
         parameter, number = of_law[key]
         values, sentences, doubts = sampled_raster(Path(path), terrain, parameter)
         gridded[number] = np.isnan(values).astype(float), _numbers(values, chosen, parameter, number)
         known = values[np.isfinite(values)]
-        said += [*sentences, f"{path}: {key} is {known.min():.4g} to {known.max():.4g} on {len(known)} cells of the terrain."]
+        statements += [*sentences, f"{path}: {key} is {known.min():.4g} to {known.max():.4g} on {len(known)} cells of the terrain."]
         warnings += doubts
     for warning in warnings:
         log.warning(warning)
     ones = np.ones((terrain.shape[1], terrain.shape[0]))
-    source, changes = ", ".join(map(str, paths.values())), (*said, *warnings)
+    source, changes = ", ".join(map(str, paths.values())), (*statements, *warnings)
     return FrictionZones(
         ones, np.zeros_like(ones), terrain.cell_size, (), source, changes, gridded=gridded, warnings=tuple(warnings)
     )

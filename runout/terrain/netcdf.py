@@ -207,10 +207,10 @@ def _only_variable(dataset: Any, text: str, names: Sequence[str], what: str) -> 
     layered = [v for n in (3, 4) for v in _surfaces(dataset, n) if len(directions(with_axes(dataset, v))) == 2 and not _is_other(v)]
     if not possible and len(layered) == 1:
         _require_two_dimensions(layered[0], text)
-    held = ", ".join(str(v.name) for v in surfaces) or "none"
+    listed = ", ".join(str(v.name) for v in surfaces) or "none"
     example = str(next(iter(certain or possible or surfaces)).name) if surfaces else "VARIABLE"
     raise DemError(
-        f"{text}: cannot tell which variable is the {what} (two-dimensional ones: {held}){_described(surfaces)}"
+        f"{text}: cannot tell which variable is the {what} (two-dimensional ones: {listed}){_described(surfaces)}"
         f'{_of_groups(text)}; name the variable after the file, for example NETCDF:"{text}":{example}, in place of {text}'
     )
 

@@ -44,12 +44,12 @@ def stated_direction(text: str) -> tuple[float, float] | None:
         return math.radians(NAMED[text]), math.radians(ELEVATIONS_DEG[0])
     try:
         azimuth, _, elevation = text.partition(",")
-        found = float(azimuth), float(elevation or ELEVATIONS_DEG[0])
+        direction = float(azimuth), float(elevation or ELEVATIONS_DEG[0])
     except ValueError:
         raise ConfigError(f"camera is {text!r}; {HINT}") from None
-    if not (math.isfinite(found[0]) and 0 < found[1] <= TOP_DEG):
+    if not (math.isfinite(direction[0]) and 0 < direction[1] <= TOP_DEG):
         raise ConfigError(f"camera is {text!r}; its elevation must be above 0 and at most 90 degrees; {HINT}")
-    return math.radians(found[0]), math.radians(found[1])
+    return math.radians(direction[0]), math.radians(direction[1])
 
 
 def camera_for(scene: FlowScene, direction: tuple[float, float] | None, aspect: float) -> Camera:

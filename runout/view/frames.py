@@ -78,8 +78,8 @@ def flow_scene(
     if block > 1:
         LOGGER.info("the window has %d cells; means over blocks of %d x %d cells are drawn", scene.ground.size, block, block)
     particles = _particles(path)
-    kept = None if particles is None else particles[chosen]
-    return replace(scene.coarsened(), times=times, thickness=thickness, speed=speed, particles=kept)
+    chosen_particles = None if particles is None else particles[chosen]
+    return replace(scene.coarsened(), times=times, thickness=thickness, speed=speed, particles=chosen_particles)
 
 
 def maximum_scene(

@@ -56,8 +56,8 @@ def drawn_by() -> str:
     axis, ground = np.arange(4.0), np.zeros((4, 4))
     scene = FlowScene(axis, axis[::-1], ground, np.zeros(1), ground[None], ground[None])
     with folder_for_job() as folder:
-        made = make("frames", scene, {"size": (64, 64)}, folder)
-        return next(path for path in made if path.suffix == ".txt").read_text(encoding="utf-8")
+        product_folder = make("frames", scene, {"size": (64, 64)}, folder)
+        return next(path for path in product_folder if path.suffix == ".txt").read_text(encoding="utf-8")
 
 
 def make(

@@ -36,15 +36,15 @@ def main(folder: Path) -> int:
     return 0
 
 
-def _frames(scene: FlowScene, look: dict[str, Any], made: Path) -> None:
+def _frames(scene: FlowScene, look: dict[str, Any], output: Path) -> None:
     """A PNG of every frame, and the name of the renderer."""
     from runout.view.picture import Look, Picture
 
     picture = Picture(scene, Look(**look))
     for frame in range(len(scene.times)):
         picture.show(frame)
-        picture.plotter.screenshot(made / FRAME.format(frame))
-    (made / "renderer.txt").write_text(_renderer(picture), encoding="utf-8")
+        picture.plotter.screenshot(output / FRAME.format(frame))
+    (output / "renderer.txt").write_text(_renderer(picture), encoding="utf-8")
 
 
 def _renderer(picture: "Picture") -> str:
@@ -56,7 +56,7 @@ def _renderer(picture: "Picture") -> str:
     return f"pyvista {pyvista.__version__}, VTK {'.'.join(map(str, pyvista.vtk_version_info))}, {driver}"
 
 
-def _window(scene: FlowScene, look: dict[str, Any], made: Path) -> None:
+def _window(scene: FlowScene, look: dict[str, Any], output: Path) -> None:
     """A window with a slider for the time; returns when it is closed."""
     from runout.view.picture import Look, Picture
 
@@ -111,10 +111,10 @@ def _with_slider(picture: "Picture") -> Player:
     return player
 
 
-def _files(scene: FlowScene, look: dict[str, Any], made: Path) -> None:
+def _files(scene: FlowScene, look: dict[str, Any], output: Path) -> None:
     from runout.view.export import export
 
-    export(scene, made)
+    export(scene, output)
 
 
 TASKS: dict[str, Callable[[FlowScene, dict[str, Any], Path], None]] = {"frames": _frames, "window": _window, "files": _files}

@@ -126,12 +126,12 @@ class FlowScene:
         wet = np.nan_to_num(self.thickness[frame]) >= self.least_thickness
         covered = _resampled(wet.astype(float), shape, order=2, prefilter=False) >= RIM
         share = np.maximum(uniform_filter(wet.astype(float), 3), 1e-9)
-        found = []
+        finer = []
         for values in (self.thickness[frame], self.speed[frame]):
             inside = np.where(wet, np.nan_to_num(values), 0.0)
             beside = uniform_filter(inside, 3) / share  # mean of the covered cells around
-            found.append(np.where(covered, _resampled(np.where(wet, inside, beside), shape), 0.0))
-        return [np.where(covered, np.maximum(found[0], self.least_thickness), 0.0), found[1]]
+            finer.append(np.where(covered, _resampled(np.where(wet, inside, beside), shape), 0.0))
+        return [np.where(covered, np.maximum(finer[0], self.least_thickness), 0.0), finer[1]]
 
     def save(self, path: Path) -> None:
         """Write the scene to an archive of NumPy."""
@@ -145,13 +145,13 @@ class FlowScene:
     def load(cls, path: Path) -> "FlowScene":
         """The scene of an archive of :meth:`save`."""
         with np.load(path, allow_pickle=False) as archive:
-            held = {name: archive[name] for name in archive.files}
-        plain = {name: value[()] if value.ndim == 0 else value for name, value in held.items() if name in _PLAIN}
-        names = [name.removeprefix("points_") for name in held if name.startswith("points_")]
+            arrays = {name: archive[name] for name in archive.files}
+        plain = {name: value[()] if value.ndim == 0 else value for name, value in arrays.items() if name in _PLAIN}
+        names = [name.removeprefix("points_") for name in arrays if name.startswith("points_")]
         return cls(
             **plain,
-            outlines=[held[name] for name in held if name.startswith("outline_")],
-            meshes={name: (held[f"points_{name}"], held[f"faces_{name}"]) for name in names},
+            outlines=[arrays[name] for name in arrays if name.startswith("outline_")],
+            meshes={name: (arrays[f"points_{name}"], arrays[f"faces_{name}"]) for name in names},
         )
 
 

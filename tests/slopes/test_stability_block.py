@@ -34,14 +34,14 @@ def stated(tmp_path, text):
 def test_the_block_equals_the_options(tmp_path):
     block = stated(tmp_path, "\nstability:\n  cohesion: {distribution: uniform, low: 0, high: 500}\n  most: 3\n").settings.stability
     options = resolved(Strength(cohesion=(0.0, 500.0)), PatchChoices(most=3))
-    assert resolved(stated=block) == options
-    np.testing.assert_array_equal(sampled(resolved(stated=block)), sampled(options))
+    assert resolved(settings=block) == options
+    np.testing.assert_array_equal(sampled(resolved(settings=block)), sampled(options))
     assert resolved().cohesion.high == 4900.0
 
 
 def test_samples_follow_their_distributions_and_options_go_first(tmp_path):
     block = stated(tmp_path, BLOCK).settings.stability
-    cohesion, friction, thickness, water = sampled(resolved(stated=block))
+    cohesion, friction, thickness, water = sampled(resolved(settings=block))
     assert len(cohesion) == 512
     assert np.degrees(np.arctan(friction)).mean() == pytest.approx(34.1, abs=0.2)
     assert (thickness == 1.2).all()
@@ -56,7 +56,7 @@ def test_what_nobody_stated_is_called_an_assumption(tmp_path):
     assert said.startswith("assumed, not values of this place: friction angle 30 to 45 deg, soil thickness 0.5 to 1.5 m")
     assert "cohesion" not in said
     block = stated(tmp_path, BLOCK + "  soil_density: 1900\n").settings.stability
-    assert assumptions(resolved(stated=block)) == ""
+    assert assumptions(resolved(settings=block)) == ""
 
 
 @pytest.mark.parametrize(

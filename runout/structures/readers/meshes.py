@@ -37,17 +37,17 @@ def read_meshes(source: StructureSource, terrain: Terrain) -> Read:
     try:
         friction = np.tan(np.radians(checked("basal_friction_angle", source.friction_angle_deg, place=str(source.path))))
         parts = load_parts(source, changes)
-        placed, said = on_terrain(np.concatenate([part.vertices for part in parts]), source, terrain)
-        changes += said
+        placed, sentences = on_terrain(np.concatenate([part.vertices for part in parts]), source, terrain)
+        changes += sentences
         rounding = rounding_of(source, np.concatenate([part.vertices for part in parts]))
         cause = f" (single precision rounds its coordinates to {rounding:.2g} m: export it near the origin and state offset)"
         note = cause if rounding > COARSE else ""
         search, faults = Search(), []
         for part, vertices in zip(parts, np.split(placed, np.cumsum([len(part.vertices) for part in parts])[:-1]), strict=True):
             for solid in _bodies(vertices, part.faces, replace(source, name=part.name), float(friction)):
-                found = [fault + note for fault in mesh_faults(solid, terrain, 2.0 * rounding, search)]
-                faults += found
-                solids += [] if found else [_outward(solid, changes)]
+                own_faults = [fault + note for fault in mesh_faults(solid, terrain, 2.0 * rounding, search)]
+                faults += own_faults
+                solids += [] if own_faults else [_outward(solid, changes)]
         more = f" (and {len(faults) - 1} more of its bodies have faults)" if len(faults) > 1 else ""
         problems += [fault + more for fault in faults[:1]]
         changes += search.left
@@ -62,20 +62,20 @@ def load_parts(source: StructureSource, changes: list[str]) -> list[MeshPart]:
     Faces without three corners are left out, which ``changes`` takes. Raises StructureError if the file is missing or holds no
     mesh.
     """
-    kept = []
+    whole_parts = []
     for part in (read.merged() for read in read_mesh(source.path, StructureError)):
         whole = (part.faces != np.roll(part.faces, 1, axis=1)).all(1)
         if not whole.all():
             count = f"{(~whole).sum()} face" + ("s" if (~whole).sum() > 1 else "")
             changes.append(f"{source.path}: {count} with two equal corners left out")
         if whole.any():
-            kept.append(replace(part, faces=part.faces[whole]))
-    if not kept:
+            whole_parts.append(replace(part, faces=part.faces[whole]))
+    if not whole_parts:
         raise StructureError(f"{source.path}: holds no faces with an area; export the structure as a closed mesh of triangles")
-    apart = [part for part in kept if not part.is_closed]
-    made = [part for part in kept if part.is_closed] + ([_joined(apart)] if apart else [])
-    own = source.name != "structure" or len(made) == 1
-    return [replace(part, name=source.name if own or part.name.startswith(source.path.name) else part.name) for part in made]
+    apart = [part for part in whole_parts if not part.is_closed]
+    bodies = [part for part in whole_parts if part.is_closed] + ([_joined(apart)] if apart else [])
+    own = source.name != "structure" or len(bodies) == 1
+    return [replace(part, name=source.name if own or part.name.startswith(source.path.name) else part.name) for part in bodies]
 
 
 def _joined(parts: list[MeshPart]) -> MeshPart:
@@ -144,10 +144,10 @@ def on_terrain(vertices: np.ndarray, source: StructureSource, terrain: Terrain) 
     path = source.path
     if source.units not in UNITS:
         raise StructureError(f"{path}: units is {source.units!r}; state the units of the mesh: {', '.join(UNITS)}")
-    metres, said = vertices * UNITS[source.units], []
+    metres, notes = vertices * UNITS[source.units], []
     rounding = rounding_of(source, vertices)
     if rounding > COARSE:
-        said.append(
+        notes.append(
             f"{path}: its coordinates of up to {np.abs(metres).max():.3g} m are rounded to {rounding:.2g} m by single precision; "
             "export it near the origin and state offset"
         )
@@ -162,17 +162,17 @@ def on_terrain(vertices: np.ndarray, source: StructureSource, terrain: Terrain) 
         remedy = "remove what is there, or check units and offset of the mesh"
         where = f"the first at easting {x:.8g}, northing {y:.8g}, elevation {z:.8g}"
         raise StructureError(f"{path}: {lost.sum()} of {len(placed)} vertices lie beyond the Earth, {where}; {remedy}")
-    said += [] if source.crs else [f"{path}: states no crs; its coordinates are taken as the terrain's"]
-    return terrain.frame.to_local(placed), [*said, *(sentences if source.crs else ())]
+    notes += [] if source.crs else [f"{path}: states no crs; its coordinates are taken as the terrain's"]
+    return terrain.frame.to_local(placed), [*notes, *(sentences if source.crs else ())]
 
 
 def _moved(points: np.ndarray, source: StructureSource, crs: str | None, terrain: Terrain) -> tuple[np.ndarray, tuple[str, ...]]:
     """Map positions (v, 3) of points of a coordinate system, and what was assumed."""
     bounds = [*points.min(0)[:2], *points.max(0)[:2]]
-    found = to_terrain(source.path, crs, terrain, bounds, "trimesh")
-    if found.forward is None:
-        return points, found.sentences
-    return np.column_stack([found.forward(points[:, :2]), points[:, 2]]), found.sentences
+    change = to_terrain(source.path, crs, terrain, bounds, "trimesh")
+    if change.forward is None:
+        return points, change.sentences
+    return np.column_stack([change.forward(points[:, :2]), points[:, 2]]), change.sentences
 
 
 def _meets(placed: np.ndarray, terrain: Terrain) -> bool:
@@ -204,13 +204,13 @@ def _remedy(vertices: np.ndarray, source: StructureSource, terrain: Terrain) -> 
 
 def _elsewhere(vertices: np.ndarray, source: StructureSource, terrain: Terrain) -> Iterator[tuple[str, np.ndarray]]:
     """Common mistakes: the remedy, and the map positions with it."""
-    offset, stated = np.asarray(source.offset), UNITS[source.units or "m"]
+    offset, scale = np.asarray(source.offset), UNITS[source.units or "m"]
     if any(source.offset):
-        yield "it lies there without offset: remove offset", stated * vertices
+        yield "it lies there without offset: remove offset", scale * vertices
     for units, factor in UNITS.items():
         yield f"its coordinates fit with units: {units}", factor * vertices + offset
     yield "its coordinates fit in kilometres: export it in metres", 1000.0 * vertices + offset
-    metres = stated * vertices
+    metres = scale * vertices
     yield "easting and northing are swapped: export it with x to the east", metres[:, [1, 0, 2]] + offset
     glb = source.path.suffix.lower() == ".glb"
     for sign in (-1.0, 1.0):

@@ -64,20 +64,20 @@ def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
 def measure(full: bool) -> dict[str, Any]:
     """Both laws, with one substep as well, Voellmy with other cells and internal frictions, and energies; in CI Voellmy only."""
     case = read()
-    found = [_run(case, law, 5.0) for law in ("samosAT", "Voellmy")] if full else [_run(case, "Voellmy", 10.0)]
+    runs = [_run(case, law, 5.0) for law in ("samosAT", "Voellmy")] if full else [_run(case, "Voellmy", 10.0)]
     studies = [_run(case, "Voellmy", cells, angle) for cells, angle in STUDIES] if full else []
     single = [_run(case, law, 5.0, substeps=1) for law in ("samosAT", "Voellmy")] if full else []
     for row in (*studies, *single):
         del row["outline"]
     return {
-        "runs": found,
+        "runs": runs,
         "studies": studies,
         "one_substep": single,
         "energy": measure_energy(case.terrain, slab) if full else [],
         "points_lifted": _points_lifted(case) if full else None,
         "com1dfa": case.others,
         "volume": float(case.release.thickness.sum() * Grid.of(case.terrain).cell_area),
-        "lines": [_line(run, case.others[run["law"]]) for run in (*found, *studies, *single)],
+        "lines": [_line(run, case.others[run["law"]]) for run in (*runs, *studies, *single)],
     }
 
 
@@ -115,8 +115,8 @@ def _run(
     started = time.process_time()
     result = runout.simulate(case.terrain, case.release, snow, **choices, particles_per_cell=particles, end_time=120.0, threads=1)
     seconds = time.process_time() - started
-    stated = {"law": law, "cell_size": cell_size, "friction_angle_deg": friction_angle, "seconds": seconds}
-    return {**stated, **_scored(result, case, other), "particles": result.n_particles}
+    row = {"law": law, "cell_size": cell_size, "friction_angle_deg": friction_angle, "seconds": seconds}
+    return {**row, **_scored(result, case, other), "particles": result.n_particles}
 
 
 def _points_lifted(case: Inputs) -> float:
@@ -180,15 +180,15 @@ def lifted(result: Result, slope: np.ndarray) -> float:
 
 def looseness(result: Result, slope: np.ndarray, thick: float) -> list[float]:
     """Mean height of the mass over half its thickness [1], where it is more than ``thick`` [m], for each snapshot that has such."""
-    found = []
+    means = []
     maps = np.nan_to_num(result.snapshot_maps()["flow_thickness"].values)
     for vertical, frame in zip(maps, result.particle_frames, strict=True):
         place, height = heights(result.terrain, slope, frame)
         thickness = values_at(Grid.of(result.terrain), slope_normal_thickness(vertical, np.nan_to_num(slope)), *place)
         there = thickness > thick
         if there.any():
-            found.append(float(2 * height[there].mean() / thickness[there].mean()))
-    return found
+            means.append(float(2 * height[there].mean() / thickness[there].mean()))
+    return means
 
 
 def heights(terrain: Terrain, slope: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,8 +24,8 @@ class ValidationCase:
 
 def data_folder(name: str, source: str) -> Path:
     """Folder below RUNOUT_DATA; ``source`` says where its files come from. Raises InputError if it is not there."""
-    stated = os.environ.get(DATA_FOLDER)
-    folder = Path(stated).expanduser() / name if stated else None
+    root = os.environ.get(DATA_FOLDER)
+    folder = Path(root).expanduser() / name if root else None
     if folder is None or not folder.is_dir():
         place = folder or f"${DATA_FOLDER}/{name}"
         remedy = f"get the files from {source} and set {DATA_FOLDER} to the folder that holds {name}/"

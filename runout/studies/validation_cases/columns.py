@@ -54,15 +54,15 @@ def failure_line(frame: Frame, spacing: float, at: np.ndarray, moved: float) -> 
     first = start[p.identity % len(start)]
     still = np.hypot(*(now - first).T) < moved
     away, height = np.abs(first[:, 0] - WIDE / 2), first[:, 1]
-    found = [height[still & (np.abs(away - x) <= spacing / 2)] for x in at]
-    return np.array([h.max() + spacing / 4 if h.size else 0.0 for h in found])
+    heights = [height[still & (np.abs(away - x) <= spacing / 2)] for x in at]
+    return np.array([h.max() + spacing / 4 if h.size else 0.0 for h in heights])
 
 
 def measure_rods(spacing: float) -> dict[str, Any]:
     """Surface and failure line of the rods against the experiment."""
     surface, failure = points("final_surface"), points("failure_surface")
     started = time.process_time()
-    frame, x, found = rods(spacing, 1.0, 1)
+    frame, x, thickness = rods(spacing, 1.0, 1)
     seconds = time.process_time() - started
     lines = [failure_line(frame, spacing, failure[:, 0], moved) for moved in MOVED]
     away = np.sort(np.abs(frame.particles.position(np.full(3, spacing))[:, 0] - WIDE / 2))
@@ -70,10 +70,10 @@ def measure_rods(spacing: float) -> dict[str, Any]:
         "spacing": spacing,
         "seconds": seconds,
         "front": float(away[int(0.99 * len(away))]),
-        "surface_rms": rms(np.interp(surface[:, 0], x, found) - surface[:, 1]),
+        "surface_rms": rms(np.interp(surface[:, 0], x, thickness) - surface[:, 1]),
         "failure_rms": [rms(line - failure[:, 1]) for line in lines],
         "failure_bias": [float((line - failure[:, 1]).mean()) for line in lines],
-        "surface": [rounded(x, 4), rounded(found, 4)],
+        "surface": [rounded(x, 4), rounded(thickness, 4)],
         "failure": [rounded(failure[:, 0], 4), rounded(lines[1], 4)],
     }
 
@@ -90,9 +90,9 @@ def measure_sand(shape: str, aspects: Sequence[float], cells: int) -> list[dict[
         low, high = planar_envelope(aspect) if shape == "planar" else round_envelope(aspect)
         for angle in ANGLES:
             started = time.process_time()
-            found = _planar(aspect, cells, angle) if shape == "planar" else _round(aspect, cells, angle)
+            deposit = _planar(aspect, cells, angle) if shape == "planar" else _round(aspect, cells, angle)
             seconds = time.process_time() - started
-            row = {"shape": shape, "aspect": aspect, "friction_angle_deg": angle, "runout": found, "low": low, "high": high}
+            row = {"shape": shape, "aspect": aspect, "friction_angle_deg": angle, "runout": deposit, "low": low, "high": high}
             rows.append({**row, "cells": cells, "seconds": seconds})
     return rows
 

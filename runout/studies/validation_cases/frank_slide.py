@@ -165,8 +165,8 @@ def measure(full: bool) -> dict[str, Any]:
         ]
     else:
         runs, studies = [compared(slide, 15, 40.0, 34.0, 60.0)], []
-    kept = [{key: value for key, value in run.items() if key != "outlines"} for run in studies]
-    return {"runs": runs, "studies": kept, "lines": [_line(run) for run in (*runs, *studies)]}
+    rows = [{key: value for key, value in run.items() if key != "outlines"} for run in studies]
+    return {"runs": runs, "studies": rows, "lines": [_line(run) for run in (*runs, *studies)]}
 
 
 def _line(run: Mapping[str, Any]) -> str:

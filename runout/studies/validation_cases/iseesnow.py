@@ -105,10 +105,10 @@ class Inputs:
             return runout.Release.from_array(vertical, self.terrain, placement="on_surface", name="slab")
         mean = float(vertical[vertical > 0].mean())
         outline = next(self.folder.glob("release*.shp"))
-        found = runout.Release.from_vector(outline, self.terrain, thickness=mean, placement="on_surface")
+        release = runout.Release.from_vector(outline, self.terrain, thickness=mean, placement="on_surface")
         if not same_mass:
-            return found
-        thickness = mean * float(vertical.sum()) * self.terrain.cell_area / found.volume
+            return release
+        thickness = mean * float(vertical.sum()) * self.terrain.cell_area / release.volume
         return runout.Release.from_vector(outline, self.terrain, thickness=thickness, placement="on_surface")
 
     def simulated(self, variant: Variant, end_time: float = END, **looks: Any) -> runout.Result:
@@ -229,12 +229,12 @@ def _profiles(inputs: Inputs, own: PeakMaps) -> dict[str, Any]:
     """Peaks along the thalweg: of the run, and least, median and most of the tools."""
     grid, stations = Grid.of(inputs.terrain), np.arange(0.0, inputs.thalweg.length, STATION)
     x, y = inputs.thalweg.at(stations).T
-    found: dict[str, Any] = {"station": rounded(stations, 0)}
+    profiles: dict[str, Any] = {"station": rounded(stations, 0)}
     for k, (name, digits) in enumerate((("thickness", 2), ("speed", 1))):
         peers = np.array([values_at(grid, maps[k], x, y) for maps in inputs.peers.values()])
         bands = {"least": peers.min(axis=0), "median": np.median(peers, axis=0), "most": peers.max(axis=0)}
-        found[name] = {key: rounded(v, digits) for key, v in {"runout": values_at(grid, own[k], x, y), **bands}.items()}
-    return found
+        profiles[name] = {key: rounded(v, digits) for key, v in {"runout": values_at(grid, own[k], x, y), **bands}.items()}
+    return profiles
 
 
 def _line(row: Mapping[str, Any]) -> str:

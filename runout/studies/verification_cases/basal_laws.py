@@ -78,7 +78,7 @@ class Layer:
 
     def speeds(self, times: tuple[float, ...], backend: str = "scan") -> list[float]:
         """Mean speeds [m/s] down the slope after some times [s]."""
-        engine, scene, before, found = self.engine(backend), self.scene(), 0.0, []
+        engine, scene, before, speeds = self.engine(backend), self.scene(), 0.0, []
         for time in times:
             while before < time:
                 span = min(1.0, time - before)
@@ -86,8 +86,8 @@ class Layer:
                 advance(engine, scene, steps, dt)
                 before += span
             p = engine.particles()
-            found.append(float(p.mass @ p.velocity[:, 0] / p.mass.sum()))
-        return found
+            speeds.append(float(p.mass @ p.velocity[:, 0] / p.mass.sum()))
+        return speeds
 
 
 def voellmy_speed(time: float, layer: Layer) -> float:
@@ -115,9 +115,9 @@ def measure_voellmy(full: bool) -> list[Result]:
     times = (2.0, 5.0, 10.0, 20.0) if full else (2.0, 5.0)
     for thickness, cells in ((2.0, 1), (2.0, 2), (2.0, 4), (4.0, 1), (4.0, 2), (4.0, 4)) if full else ((2.0, 1), (2.0, 2)):
         layer = Layer(VOELLMY, thickness, cells)
-        for time, found in zip(times, layer.speeds(times), strict=True):
+        for time, speed in zip(times, layer.speeds(times), strict=True):
             words = f"error of the speed after {time:g} s, {thickness:g} m thick in {cells} cell{'s' * (cells > 1)}"
-            results.append(Bound(words, found / voellmy_speed(time, layer) - 1, 0.003, -0.003))
+            results.append(Bound(words, speed / voellmy_speed(time, layer) - 1, 0.003, -0.003))
     wood = Layer(Voellmy(mu=0.2, xi=1000.0, forest_drag=0.01))
     error = wood.speeds((5.0,))[0] / voellmy_speed(5.0, wood) - 1
     results.append(Bound("error of the speed after 5 s with a forest drag of 0.01", error, 0.003, -0.003))

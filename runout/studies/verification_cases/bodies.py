@@ -84,7 +84,7 @@ def relaxed(
     engine = engine or get_backend("scan", threads=1)
     engine.load(scene, particles)
     steps, dt = equal_steps(time, engine.stable_step())
-    kept = float(np.exp(-damping * every * dt))
+    remaining = float(np.exp(-damping * every * dt))
     for step in range(0, steps, every):
         share = min(1.0, (step + every) * dt / ramp) if ramp > 0 else 1.0
         x, y, z = scene.gravity
@@ -92,8 +92,8 @@ def relaxed(
         advance(engine, scene, every, dt)
         particles = engine.particles()
         rigid = np.zeros(3) if along is None else (particles.velocity @ along).mean() * along
-        particles.velocity[:] = rigid + kept * (particles.velocity - rigid)
-        particles.affine *= kept
+        particles.velocity[:] = rigid + remaining * (particles.velocity - rigid)
+        particles.affine *= remaining
     particles.velocity[:] = 0.0
     particles.affine[:] = 0.0
     return particles

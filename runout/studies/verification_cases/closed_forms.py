@@ -51,8 +51,8 @@ class ZonesDownSlope:
             return 2.0 * (GRAVITY * (np.sin(slope) - mean * np.cos(slope)) - (drag[0] + np.diff(drag) @ s) * square)
 
         span, step = (places[0], places[-1]), length / 20
-        found = solve_ivp(change, span, [start**2], t_eval=places, rtol=1e-9, atol=1e-9, max_step=step)
-        return np.sqrt(found.y[0])  # type: ignore[no-any-return]
+        solution = solve_ivp(change, span, [start**2], t_eval=places, rtol=1e-9, atol=1e-9, max_step=step)
+        return np.sqrt(solution.y[0])  # type: ignore[no-any-return]
 
 
 def symplectic_excess(time: float, slope_deg: float, friction: float, dt: float) -> float:

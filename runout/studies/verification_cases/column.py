@@ -55,14 +55,14 @@ def measure(full: bool) -> list[Result]:
     cells = (8, 16, 32, 64) if full else (8, 16, 32)
     results: list[Result] = []
     for offset in (0.0, 0.37):
-        found = [standing(n, offset) for n in cells]
+        errors = [standing(n, offset) for n in cells]
         place = f"ground {offset:g} h above a node" if offset else "ground on a node"
         results += [
-            Convergence(f"stress, {place}", cells, tuple(f["stress"] for f in found), 1.0),
-            Convergence(f"stress without the lowest cell, {place}", cells, tuple(f["upper"] for f in found), 0.75),
-            Convergence(f"height, {place}", cells, tuple(f["place"] for f in found), 1.0),
-            Bound(f"stress of the lowest particle over the exact one, {place}", found[-1]["base"], 1.0, 0.35),
-            Bound(f"gap of the lowest particle [h], {place}", found[-1]["gap"], 1e-3, -1e-3),
+            Convergence(f"stress, {place}", cells, tuple(f["stress"] for f in errors), 1.0),
+            Convergence(f"stress without the lowest cell, {place}", cells, tuple(f["upper"] for f in errors), 0.75),
+            Convergence(f"height, {place}", cells, tuple(f["place"] for f in errors), 1.0),
+            Bound(f"stress of the lowest particle over the exact one, {place}", errors[-1]["base"], 1.0, 0.35),
+            Bound(f"gap of the lowest particle [h], {place}", errors[-1]["gap"], 1e-3, -1e-3),
         ]
     return results
 

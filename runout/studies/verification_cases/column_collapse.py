@@ -47,8 +47,8 @@ def rods(
     p = flow.slice_of(plane, spacing**3 / 4, scene)
     flow.press(p, np.tile(HEIGHT - plane[:, 1], flow.ACROSS), scene, AT_REST)
     frame = flow.run(scene, p, (time,), samples, threads)[-1]
-    x, found = columns(scene) - wide / 2, frame.thickness[0]
-    return frame, x[x > 0], 0.5 * (found + found[::-1])[x > 0]
+    x, thickness = columns(scene) - wide / 2, frame.thickness[0]
+    return frame, x[x > 0], 0.5 * (thickness + thickness[::-1])[x > 0]
 
 
 def measured_surface() -> np.ndarray | None:
@@ -63,7 +63,7 @@ def measure_rods(full: bool) -> list[Result]:
     """Surface against the experiment at 10 mm; in full at 5 mm, with the energy budget."""
     experiment = measured_surface()
     spacing = 0.005 if full else 0.01
-    frame, x, found = rods(spacing, 1.0 if full else 0.7, 320 if full else 1, 2 if full else 1)
+    frame, x, thickness = rods(spacing, 1.0 if full else 0.7, 320 if full else 1, 2 if full else 1)
     name = f"h = {1e3 * spacing:g} mm"
     speed = np.abs(frame.particles.velocity).max()
     order = np.sort(np.abs(frame.particles.position(np.full(3, spacing))[:, 0] - 0.6))
@@ -72,7 +72,7 @@ def measure_rods(full: bool) -> list[Result]:
         Bound(f"largest speed at the end [m/s], {name}", float(speed), 0.05),
     ]
     if experiment is not None:
-        error = float(np.sqrt(np.mean((np.interp(experiment[:, 0], x, found) - experiment[:, 1]) ** 2)))
+        error = float(np.sqrt(np.mean((np.interp(experiment[:, 0], x, thickness) - experiment[:, 1]) ** 2)))
         results.insert(0, Bound(f"surface, RMS against the experiment [mm], {name}", 1e3 * error, 3.0 if full else 5.0))
     return results + (budget(frame, name) if full else [])
 
@@ -182,16 +182,16 @@ def measure_planar(full: bool) -> list[Result]:
         ((0.5, 32), (1.0, 16), (2.0, 16), (3.0, 16), (4.0, 16), (6.0, 16), (8.0, 16)) if full else ((1.0, 16), (2.0, 8), (4.0, 8))
     )
     runs = {aspect: planar(aspect, cells, samples=120 if aspect == 2 else 1) for aspect, cells in chosen}
-    found = {aspect: run[0] for aspect, run in runs.items()}
+    deposits = {aspect: run[0] for aspect, run in runs.items()}
     results: list[Result] = []
     for aspect, cells in chosen:
         low, high = planar_envelope(aspect)
-        results.append(Bound(f"run-out of a planar column, a = {aspect:g}, {cells} cells long", found[aspect], high, low))
-    runouts = list(found.values())
+        results.append(Bound(f"run-out of a planar column, a = {aspect:g}, {cells} cells long", deposits[aspect], high, low))
+    runouts = list(deposits.values())
     results.append(Bound("least growth of run-out from one planar column to the next", float(np.diff(runouts).min()), low=0.0))
     if full:
         for tall in ((3.0, 4.0, 6.0), (4.0, 6.0, 8.0)):
-            slope = exponent(tall, [found[a] for a in tall])
+            slope = exponent(tall, [deposits[a] for a in tall])
             name = f"exponent of planar run-out, a = {tall[0]:g} to {tall[-1]:g}"
             results.append(Bound(name, slope, 2 / 3 + 0.1, 2 / 3 - 0.1))
     results += budget(runs[2.0][1], "planar column, a = 2")
@@ -206,12 +206,12 @@ def measure_round(full: bool) -> list[Result]:
     """Round columns with both cones, between which the laws of experiments lie; the CI tests of collapse cover them at one size."""
     if not full:
         return []
-    results, found = list[Result](), dict[tuple[float, Cone], Deposit]()
+    results, deposits = list[Result](), dict[tuple[float, Cone], Deposit]()
     for aspect, cells in ((1.0, 16), (2.0, 12), (4.0, 12)):  # with 8 the edge of a low one is thinner than a cell
         law, top = axisymmetric_runout(aspect), axisymmetric_height(aspect)
         for cone, weak in ((Cone.PLANE_STRAIN, True), (Cone.TRIAXIAL_COMPRESSION, False)):
             place = f"a = {aspect:g}, {cells} cells in the radius, cone of {cone.replace('_', ' ')}"
-            end = found[aspect, cone] = round_column(aspect, cells, cone)
+            end = deposits[aspect, cone] = round_column(aspect, cells, cone)
             far = {"low": 1 - SCATTER} if weak else {"high": 1 + SCATTER}
             tall = {"high": 1 + SCATTER} if weak else {"low": 1 - SCATTER}
             results.append(Bound(f"run-out of a round column over the law, {place}", end.runout / law, **far))
@@ -219,7 +219,7 @@ def measure_round(full: bool) -> list[Result]:
             results.append(Bound(f"volume that the core's strains claim over its space, {place}", end.claimed, *CLAIMED))
     higher = round_column(8.0, 12, Cone.PLANE_STRAIN)
     results.append(Bound("volume that the core's strains claim over its space, a = 8", higher.claimed, *CLAIMED))
-    slope = exponent((4.0, 8.0), [found[4.0, Cone.PLANE_STRAIN].runout, higher.runout])
+    slope = exponent((4.0, 8.0), [deposits[4.0, Cone.PLANE_STRAIN].runout, higher.runout])
     results.append(Bound("exponent of round run-out, a = 4 to 8, 12 cells in the radius", slope, 0.6, 0.4))
     return results
 

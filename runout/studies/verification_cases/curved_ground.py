@@ -43,10 +43,10 @@ class Arc:
     def crossing(self, angle: float, rate: float, event: Callable[[float, np.ndarray], float]) -> tuple[float, float, float]:
         """Time [s], angle and rate at which ``event`` falls or rises through zero, from an angle and a rate."""
         event.terminal = True  # type: ignore[attr-defined]
-        found = solve_ivp(
+        solution = solve_ivp(
             lambda t, y: [y[1], self.acceleration(y[0], y[1])], (0.0, 10.0), [angle, rate], events=event, rtol=1e-10, atol=1e-12
         )
-        return float(found.t[-1]), float(found.y[0, -1]), float(found.y[1, -1])
+        return float(solution.t[-1]), float(solution.y[0, -1]), float(solution.y[1, -1])
 
 
 def turning(friction: float) -> tuple[float, float]:

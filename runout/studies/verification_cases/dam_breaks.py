@@ -73,9 +73,9 @@ def fronts(frame: Frame, thickness: np.ndarray, away: np.ndarray, place: np.ndar
     return float(np.quantile(place, share)), float(exact)
 
 
-def relative(found: np.ndarray, exact: np.ndarray, power: int = 1) -> float:
+def relative(computed: np.ndarray, exact: np.ndarray, power: int = 1) -> float:
     """L1 or L2 norm of the error over that of the closed form."""
-    return float((np.abs(found - exact) ** power).sum() ** (1 / power) / (np.abs(exact) ** power).sum() ** (1 / power))
+    return float((np.abs(computed - exact) ** power).sum() ** (1 / power) / (np.abs(exact) ** power).sum() ** (1 / power))
 
 
 def budget(frame: Frame, name: str) -> list[Result]:
@@ -100,10 +100,10 @@ def measure_dry(full: bool) -> list[Result]:
         for frame in frames:
             exact, _ = dam_break(away, frame.time, DEPTH)
             x = np.abs(frame.particles.position(np.array(scene.spacing))[:, 0] - WIDE / 2) - reservoir
-            found, front = fronts(frame, exact, away, x)
+            computed, front = fronts(frame, exact, away, x)
             name = f"{cells} cells, t = {frame.time * np.sqrt(GRAVITY / DEPTH):.0f} sqrt(h_0/g)"
             results.append(Bound(f"thickness, relative L1, {name}", relative(frame.thickness[0], exact), 0.08))
-            results.append(Bound(f"front of 99 % of the mass over the closed form, {name}", found / front, 1.1, 0.9))
+            results.append(Bound(f"front of 99 % of the mass over the closed form, {name}", computed / front, 1.1, 0.9))
         results += budget(frames[-1], f"{cells} cells")
     return results
 
@@ -121,12 +121,14 @@ def measure_wet(full: bool) -> list[Result]:
         away = from_the_dam(scene, reservoir)
         exact = wet_dam_break(away, end, DEPTH, ahead)
         near = away < 8.5  # beyond, the shallow side runs out at its free end
-        found = frame.thickness[0]
+        thickness = frame.thickness[0]
         flat = (away > 1.0) & (away < 5.0)
         name = f"{cells} cells"
         results += [
-            Bound(f"thickness, relative L1, {name}", relative(found[near], exact[near]), 0.08),
-            Bound(f"thickness behind the shock over the closed form, {name}", found[flat].mean() / exact[flat].mean(), 1.05, 0.95),
+            Bound(f"thickness, relative L1, {name}", relative(thickness[near], exact[near]), 0.08),
+            Bound(
+                f"thickness behind the shock over the closed form, {name}", thickness[flat].mean() / exact[flat].mean(), 1.05, 0.95
+            ),
             *budget(frame, name),
         ]
     return results
@@ -149,11 +151,11 @@ def measure_slope(full: bool) -> list[Result]:
     x = frame.particles.position(np.array(scene.spacing))[:, 0] - dam
     ahead = x > -1.1 * spans * DEPTH
     mass = np.where(front, exact, 0.0)
-    found, place = fronts(frame, mass, away, x[ahead])
+    computed, place = fronts(frame, mass, away, x[ahead])
     name = f"{cells} cells, t = {end:.2g} s"
     return [
         Bound(f"thickness, relative L2, {name}", relative(frame.thickness[0][front], exact[front], 2), 0.12),
-        Bound(f"front of 99 % of the mass less the closed form [m], {name}", found - place, 3.0, -3.0),
+        Bound(f"front of 99 % of the mass less the closed form [m], {name}", computed - place, 3.0, -3.0),
         *budget(frame, name),
     ]
 

@@ -63,11 +63,11 @@ def _unexplained(start: Particles, frames: list[Frame], scene: Scene, height: np
 def measure(full: bool) -> list[Result]:
     """Drift at 24 degrees on finer grids, in full at 22 and 26 too; no motion below mu_s."""
     cells = (10, 20, 40) if full else (5, 10, 20)
-    found = {n: drift(n, 24.0, 160 if n == 20 else 1) for n in cells}
-    results: list[Result] = [Convergence("speed, 24 deg", cells, tuple(found[n][0] for n in cells), 1.0)]
-    results.append(Bound("speed, relative L2, 24 deg, 20 cells", found[20][0], 0.03))
+    drift_of = {n: drift(n, 24.0, 160 if n == 20 else 1) for n in cells}
+    results: list[Result] = [Convergence("speed, 24 deg", cells, tuple(drift_of[n][0] for n in cells), 1.0)]
+    results.append(Bound("speed, relative L2, 24 deg, 20 cells", drift_of[20][0], 0.03))
     unexplained = "energy not accounted for, over the work of gravity, 24 deg, 20 cells"
-    results.append(Bound(unexplained, found[20][1], 0.01, -0.01))
+    results.append(Bound(unexplained, drift_of[20][1], 0.01, -0.01))
     for slope in (22.0, 26.0) if full else ():
         results.append(Bound(f"speed, relative L2, {slope:g} deg, 20 cells", drift(20, slope)[0], 0.03))
     return results

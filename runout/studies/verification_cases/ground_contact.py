@@ -128,11 +128,11 @@ def measure_gap(full: bool) -> list[Result]:
     """Mean and spread of the gap over places of the ground between the nodes."""
     spacing, offsets, results = (0.05, OFFSETS, list[Result]()) if full else (0.1, OFFSETS[2::4], list[Result]())
     for slope in (0.0, 20.0):
-        found = np.array([rest(slope, offset, spacing) for offset in offsets])
+        gaps = np.array([rest(slope, offset, spacing) for offset in offsets])
         for k, what in enumerate(("first push", "rest")):
             words = f"{slope:g} deg, {len(offsets)} offsets, at {what}"
-            results.append(Bound(f"mean gap [h], {words}", float(found[:, k].mean()), 0.05, -0.05))
-            results.append(Bound(f"spread of the gap [h], {words}", float(np.ptp(found[:, k])), 0.05))
+            results.append(Bound(f"mean gap [h], {words}", float(gaps[:, k].mean()), 0.05, -0.05))
+            results.append(Bound(f"spread of the gap [h], {words}", float(np.ptp(gaps[:, k])), 0.05))
     return results
 
 

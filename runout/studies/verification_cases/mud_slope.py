@@ -72,9 +72,9 @@ def measure(full: bool) -> list[Result]:
     cells = (5, 10, 20, 40) if full else (5, 10, 20)
     results: list[Result] = []
     for name, layer, most in (("Bingham", BINGHAM, 0.1), ("n = 0.5", THINNING, 0.15)):
-        found = {n: errors(layer, n) for n in cells}
-        results.append(Convergence(f"speed, relative L2, {name}", cells, tuple(found[n][0] for n in cells), 1.0))
-        results.append(Bound(f"error of the mean speed, {name}, 20 cells", found[20][1], most, -most))
+        error_of = {n: errors(layer, n) for n in cells}
+        results.append(Convergence(f"speed, relative L2, {name}", cells, tuple(error_of[n][0] for n in cells), 1.0))
+        results.append(Bound(f"error of the mean speed, {name}, 20 cells", error_of[20][1], most, -most))
     left = float(np.abs(speeds(RESTING, BINGHAM, 10)[1]).max()) / BINGHAM.mean_speed
     results.append(Bound("speed left of a layer 0.91 times as thick as yields, over that at the start", left, 1e-3))
     return results

@@ -41,8 +41,8 @@ def spin(time: float, spacing: float = SPACING) -> tuple[float, float, float]:
         advance(engine, scene, steps, 1.0 / steps)
         row = engine.ledger()
         losses.append(1 - (row.kinetic_energy + row.elastic_energy) / start)
-    found = engine.particles().position(np.full(3, spacing)) - centre
-    return losses[-1], min(losses), float(np.abs(found - rotated(local, time)).max())
+    place = engine.particles().position(np.full(3, spacing)) - centre
+    return losses[-1], min(losses), float(np.abs(place - rotated(local, time)).max())
 
 
 def measure_fall(full: bool) -> list[Result]:

@@ -39,8 +39,8 @@ def places(p: Particles, spacing: float) -> np.ndarray:
 
 def difference(ends: tuple[Particles, Particles], start: Particles, spacing: float) -> float:
     """Root mean square distance of the float32 particles from the float64 ones over the mean path [1]."""
-    exact, found, from_ = (places(p, spacing) for p in (*ends, start))
-    apart = np.sqrt(((found - exact) ** 2).sum(1).mean())
+    exact, computed, from_ = (places(p, spacing) for p in (*ends, start))
+    apart = np.sqrt(((computed - exact) ** 2).sum(1).mean())
     return float(apart / np.linalg.norm(exact - from_, axis=1).mean())
 
 

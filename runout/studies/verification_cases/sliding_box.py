@@ -155,30 +155,30 @@ def summary(plane: Plane, time: float = 1.0) -> dict[str, float | None]:
     ``relative_displacement_error`` against a rigid block (None where that stays at rest), ``residual_speed`` [m/s] beyond
     that block's in the last tenth of the time, ``mean_gap`` [cells] of the lowest layer, ``displacement`` [m].
     """
-    found = slide(plane, time)
-    _, speed = sliding_block(found.when, plane.slope_deg, plane.friction)
+    motion = slide(plane, time)
+    _, speed = sliding_block(motion.when, plane.slope_deg, plane.friction)
     exact, _ = sliding_block(time, plane.slope_deg, plane.friction)
-    exact += symplectic_excess(time, plane.slope_deg, plane.friction, found.dt)
+    exact += symplectic_excess(time, plane.slope_deg, plane.friction, motion.dt)
     return {
-        "relative_displacement_error": float(found.moved / exact - 1) if exact > 0 else None,
-        "residual_speed": float(found.speed - speed),
-        "mean_gap": found.gap,
-        "displacement": found.moved,
-        "time_step": found.dt,
+        "relative_displacement_error": float(motion.moved / exact - 1) if exact > 0 else None,
+        "residual_speed": float(motion.speed - speed),
+        "mean_gap": motion.gap,
+        "displacement": motion.moved,
+        "time_step": motion.dt,
     }
 
 
 def bounds(plane: Plane) -> list[Result]:
     """Bounds on a plane: 0.2 % from 30 degrees, 0.6 % from 20 (1 % from unbalanced stresses), rest below 14.5 degrees."""
-    found, place = summary(plane), f"{plane.slope_deg:g} deg, azimuth {plane.azimuth_deg:g} deg, {plane.offset:g} h off a node"
+    row, place = summary(plane), f"{plane.slope_deg:g} deg, azimuth {plane.azimuth_deg:g} deg, {plane.offset:g} h off a node"
     place += "" if plane.settled else ", stresses of a slab"
-    error, results = found["relative_displacement_error"], list[Result]()
+    error, results = row["relative_displacement_error"], list[Result]()
     if error is not None:
         limit = 0.01 if not plane.settled else 0.002 if plane.slope_deg >= 30 else 0.006 if plane.slope_deg >= 20 else np.inf
         results.append(Bound(f"relative displacement error, {place}", error, limit, -limit))
     still = 2e-4 if plane.slope_deg <= FRICTION_ANGLE - 0.5 else np.inf
-    results.append(Bound(f"residual speed [m/s], {place}", float(found["residual_speed"] or 0.0), still, -still))
-    results.append(Bound(f"mean gap [h], {place}", float(found["mean_gap"] or 0.0), 0.05, -0.05))
+    results.append(Bound(f"residual speed [m/s], {place}", float(row["residual_speed"] or 0.0), still, -still))
+    results.append(Bound(f"mean gap [h], {place}", float(row["mean_gap"] or 0.0), 0.05, -0.05))
     return results
 
 
@@ -188,9 +188,9 @@ def near_the_friction_angle(full: bool) -> list[Result]:
         (nu, factor): summary(Plane(16.0, 37.0, body=replace(BOX, poisson_ratio=nu, youngs_modulus=factor * BOX.modulus)))
         for nu, factor in ((0.0, 1), (0.3, 1), (0.3, 10), *(((0.3, 100),) if full else ()))
     }
-    found = {key: float(one["relative_displacement_error"] or 0.0) for key, one in error.items()}
-    results: list[Result] = [Bound("relative displacement error, 16 deg, nu = 0", found[0.0, 1], 1e-3, -1e-3)]
-    coupled = [value for (nu, _), value in found.items() if nu > 0]
+    errors = {key: float(one["relative_displacement_error"] or 0.0) for key, one in error.items()}
+    results: list[Result] = [Bound("relative displacement error, 16 deg, nu = 0", errors[0.0, 1], 1e-3, -1e-3)]
+    coupled = [value for (nu, _), value in errors.items() if nu > 0]
     results += [
         Bound(f"the same, nu = 0.3, {10**k:g} times the modulus", value, np.inf, -np.inf) for k, value in enumerate(coupled)
     ]
@@ -199,10 +199,10 @@ def near_the_friction_angle(full: bool) -> list[Result]:
 
 def envelope(slope: float, spacing: float) -> list[Result]:
     """Extremes over three azimuths and eight places of the plane between the nodes."""
-    found = [summary(Plane(slope, azimuth, k / 8 + 0.06, spacing)) for azimuth in AZIMUTHS for k in range(8)]
+    rows = [summary(Plane(slope, azimuth, k / 8 + 0.06, spacing)) for azimuth in AZIMUTHS for k in range(8)]
     place = f"{slope:g} deg, azimuths 0, 37, 63 deg, eight offsets"
     errors, speeds, gap = (
-        np.array([f[key] or 0.0 for f in found]) for key in ("relative_displacement_error", "residual_speed", "mean_gap")
+        np.array([f[key] or 0.0 for f in rows]) for key in ("relative_displacement_error", "residual_speed", "mean_gap")
     )
     limit = 0.002 if slope >= 30 else 0.006
     results: list[Result] = [Bound(f"mean gap [h], largest of {place}", float(np.abs(gap).max()), 0.05)]

@@ -115,24 +115,24 @@ def errors(frame: Frame, scene: Scene, cap: SpreadingCap) -> dict[str, float]:
     rows = np.arange(scene.raster.rows)[::-1]
     y = (rows + 0.5) * scene.spacing[1] - EXTENT[1] / 2 if len(rows) > 1 else np.zeros(1)
     exact = cap.thickness(x[None, :], y[:, None], frame.time)
-    found, line = frame.thickness.sum(axis=0), exact.sum(axis=0)
+    profile, line = frame.thickness.sum(axis=0), exact.sum(axis=0)
     edge = x + 0.5 * scene.spacing[0]
 
     def ends(mass: np.ndarray) -> np.ndarray:
         return np.interp([0.01, 0.99], np.cumsum(mass) / mass.sum(), edge)
 
-    tail, front = ends(found) - ends(line)
+    tail, front = ends(profile) - ends(line)
     return {
         "thickness, relative L2": relative(frame.thickness, exact, 2),
         "front of 99 % of the mass less the closed form [m]": float(front),
         "tail of 99 % of the mass less the closed form [m]": float(tail),
-        "way of the centre over the closed form": float((found @ x / found.sum()) / (line @ x / line.sum())),
+        "way of the centre over the closed form": float((profile @ x / profile.sum()) / (line @ x / line.sum())),
     }
 
 
-def _results(found: dict[str, float], frame: Frame, name: str, worst: float) -> list[Result]:
-    limits = dict(zip(found, ((worst, 0.0), (10.0, -10.0), (10.0, -10.0), (1.03, 0.97)), strict=True))
-    bounds: list[Result] = [Bound(f"{what}, {name}", found[what], high, low) for what, (high, low) in limits.items()]
+def _results(errors_by_name: dict[str, float], frame: Frame, name: str, worst: float) -> list[Result]:
+    limits = dict(zip(errors_by_name, ((worst, 0.0), (10.0, -10.0), (10.0, -10.0), (1.03, 0.97)), strict=True))
+    bounds: list[Result] = [Bound(f"{what}, {name}", errors_by_name[what], high, low) for what, (high, low) in limits.items()]
     return bounds + budget(frame, name)
 
 

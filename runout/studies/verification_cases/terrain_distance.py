@@ -47,8 +47,8 @@ def raster(cell: float) -> Terrain:
 def errors(spacing: float, cell: float) -> tuple[float, float, float]:
     """RMS and largest error of distance [cells of the grid], RMS error of the normal's direction [deg]."""
     places, exact, normal = points(spacing)
-    found, direction = distance(sliding_surface(raster(cell), None, (spacing, spacing)), *places)
-    off = (found - exact) / spacing
+    distances, direction = distance(sliding_surface(raster(cell), None, (spacing, spacing)), *places)
+    off = (distances - exact) / spacing
     turned = np.degrees(np.arccos(np.clip((direction * normal).sum(-1), -1, 1)))
     return float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()), float(np.sqrt(np.mean(turned**2)))
 
@@ -73,8 +73,8 @@ def of_a_plane() -> float:
     x, y = np.random.default_rng(1).uniform(0, SIZE, (2, 2000))
     height = np.random.default_rng(2).uniform(-20, 20, 2000)
     ground = 0.35 * (x - 5.0) - 0.2 * (y - 5.0)
-    found, _ = distance(sliding_surface(terrain, None, (10.0, 10.0)), x, y, ground + height)
-    return float(np.abs(found - height / np.sqrt(1 + 0.35**2 + 0.2**2)).max())
+    distances, _ = distance(sliding_surface(terrain, None, (10.0, 10.0)), x, y, ground + height)
+    return float(np.abs(distances - height / np.sqrt(1 + 0.35**2 + 0.2**2)).max())
 
 
 def seconds_of_queries(count: int) -> float:
@@ -117,8 +117,8 @@ def measure(full: bool) -> list[Result]:
             Bound(f"normal, RMS [deg], {place}", degrees, 1.2 if h > 5 else 0.35),
         ]
     sizes = (10.0, 5.0, 2.5)
-    found = tuple(errors(h, 1.25)[0] * h / WAVELENGTH for h in sizes)
-    results.append(Convergence("distance, RMS over the wavelength", tuple(WAVELENGTH / h for h in sizes), found, 3.0))
+    relative = tuple(errors(h, 1.25)[0] * h / WAVELENGTH for h in sizes)
+    results.append(Convergence("distance, RMS over the wavelength", tuple(WAVELENGTH / h for h in sizes), relative, 3.0))
     for h, cell, rms, degrees in CONTACT_BOUNDS:
         distance_off, turned = errors_of_contact(h, cell)
         place = f"h = {h:g} m, raster of {cell:g} m"

@@ -84,14 +84,14 @@ class Layer:
 
 def states(layer: Layer, engine: Backend, times: Sequence[float]) -> list[Particles]:
     """Particles at some ``times`` [s]."""
-    scene, found, before = layer.scene(), list[Particles](), 0.0
+    scene, states, before = layer.scene(), list[Particles](), 0.0
     engine.load(scene, layer.particles())
     for time in times:
         steps, dt = equal_steps(time - before, 0.9 * engine.stable_step())
         advance(engine, scene, steps, dt)
-        found.append(engine.particles())
+        states.append(engine.particles())
         before = time
-    return found
+    return states
 
 
 def speed_error(layer: Layer, engine: Backend, times: Sequence[float]) -> float:
@@ -137,8 +137,8 @@ def measure(full: bool) -> list[Result]:
     for cells in (2, 4) if full else (2,):
         side = PERIOD * SPACING
         layer = Layer(DECAYS, (side, side, cells * SPACING), material=SAND)
-        said = f"the same, endless layer of sand, {cells} cells"
-        results.append(Bound(said, speed_error(layer, endless(), times), 0.005 if cells == 2 else 0.012))
+        quantity = f"the same, endless layer of sand, {cells} cells"
+        results.append(Bound(quantity, speed_error(layer, endless(), times), 0.005 if cells == 2 else 0.012))
     stages = (0.1, 0.2, 0.5, 1.0)
     slab = Layer(DRAINS, (5.0, 5.0, 1.0), slope_deg=0.0, substeps=4)
     for time, error in zip(stages, consolidation_errors(slab, get_backend("scan", threads=1), stages), strict=True):

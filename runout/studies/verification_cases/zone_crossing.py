@@ -95,12 +95,12 @@ class Crossing:
         engine = engine or get_backend("scan", threads=1)
         scene = self.scene()
         engine.load(scene, self.particles())
-        found = [self._centre(engine)]
+        centres = [self._centre(engine)]
         for _ in range(LOOKS):
             steps, dt = equal_steps(self.time / LOOKS, 0.95 * engine.stable_step())
             advance(engine, scene, steps, dt)
-            found.append(self._centre(engine))
-        places, speeds = np.array(found).T
+            centres.append(self._centre(engine))
+        places, speeds = np.array(centres).T
         return places, speeds
 
     def _centre(self, engine: Backend) -> tuple[float, float]:
@@ -135,10 +135,10 @@ def measure(full: bool) -> list[Result]:
     for words, (slab, most) in SLABS.items():
         for part in (1, 2) if full else (1,):
             one = replace(slab, spacing=slab.spacing / part)
-            motion, said = one.motion(), f"largest error of the speed, {words}, h = {one.spacing:g} m"
-            results.append(Bound(said, _largest(one.errors(*motion)), most))
+            motion, quantity = one.motion(), f"largest error of the speed, {words}, h = {one.spacing:g} m"
+            results.append(Bound(quantity, _largest(one.errors(*motion)), most))
             if not slab.xi:
-                results.append(Bound(f"{said}, with the lever", _largest(one.errors(*motion, one.lever)), 0.003))
+                results.append(Bound(f"{quantity}, with the lever", _largest(one.errors(*motion, one.lever)), 0.003))
     return results
 
 
