@@ -21,30 +21,15 @@ FAINTEST = 0.12  # part of a palette that is not used, as too light on the groun
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of a kind of map.
+    """Colours of a kind of map."""
 
-    Parameters
-    ----------
-    colours : str
-        Colour map of matplotlib, from the smallest to the largest value.
-    classes : tuple of float
-        Lower edges of classes above 0, in the unit of the map; empty: classes follow from thresholds and values.
-    meanings : tuple of str
-        What the values from each class on do.
-    signed : bool
-        Symmetric about 0, light there.
-    smooth : bool
-        Mixed between the edges, without steps.
-    opaque : bool
-        0 is a value like any other, and not "nothing happens".
-    """
-
-    colours: str
+    colours: str  # colour map of matplotlib, from the smallest to the largest value
+    # lower edges of classes above 0, in the unit of the map; empty: classes follow from thresholds and values
     classes: tuple[float, ...] = ()
-    meanings: tuple[str, ...] = ()
-    signed: bool = False
-    smooth: bool = False
-    opaque: bool = False
+    meanings: tuple[str, ...] = ()  # what the values from each class on do
+    signed: bool = False  # symmetric about 0, light there
+    smooth: bool = False  # mixed between the edges, without steps
+    opaque: bool = False  # 0 is a value like any other, and not "nothing happens"
 
     def hexadecimal(self, count: int) -> list[str]:
         """Colours of ``count`` classes, from the smallest to the largest values."""

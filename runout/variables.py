@@ -16,38 +16,20 @@ FILL_BY_DTYPE = {"float32": FILL, "float64": None, "int16": -9999, "int32": -999
 
 @dataclass(frozen=True)
 class Variable:
-    """Description of a variable in a file.
+    """Description of a variable in a file."""
 
-    Parameters
-    ----------
-    units : str
-        UDUNITS unit; "1" for a pure number, "" for text.
-    long_name : str
-        Name for people, as in a legend.
-    standard_name : str or None
-        Name of the CF table, only where one exists.
-    dtype : str
-        Type in files; maps are float32, with -9999 where there is no value.
-    valid_min, valid_max : float or None
-        Range of the values; what lies outside is read as missing by a GIS.
-    cell_methods : str or None
-        CF cell methods: how a value stands for its cell. Extremes over time or members are told by the long name, for
-        these are no coordinates of a map.
-    comment : str or None
-        What a reader has to know to use the values.
-    content : str
-        ACDD's ``coverage_content_type``: what kind of content it is.
-    """
-
-    units: str
-    long_name: str
-    standard_name: str | None = None
-    dtype: str = "float32"
+    units: str  # UDUNITS unit; "1" for a pure number, "" for text
+    long_name: str  # name for people, as in a legend
+    standard_name: str | None = None  # name of the CF table, only where one exists
+    dtype: str = "float32"  # type in files; maps are float32, with -9999 where there is no value
+    # valid_min, valid_max: range of the values; what lies outside is read as missing by a GIS
     valid_min: float | None = None
     valid_max: float | None = None
+    # CF cell methods: how a value stands for its cell. Extremes over time or members are told by the long name, for these are no
+    # coordinates of a map
     cell_methods: str | None = None
-    comment: str | None = None
-    content: str = "modelResult"
+    comment: str | None = None  # what a reader has to know to use the values
+    content: str = "modelResult"  # ACDD's `coverage_content_type`: what kind of content it is
 
     @property
     def fill(self) -> float | int | None:

@@ -48,40 +48,20 @@ class Header:
 
 @dataclass(frozen=True)
 class ElevationRaster:
-    """Elevations, or values of another quantity, with the georeference that their file states.
+    """Elevations, or values of another quantity, with the georeference that their file states."""
 
-    Parameters
-    ----------
-    values : ndarray (rows, columns)
-        In ``unit``, float64, rows as in the file; NaN where the file marks a cell as unknown.
-    transform : tuple of float
-        GDAL-like affine map ``(a, b, c, d, e, f)``: ``x = a column + b row + c``, ``y = d column + e row + f``
-        from the outer corner of cell (0, 0).
-    crs : pyproj.CRS or None
-        Horizontal coordinate reference system; None if neither the file nor the caller names one.
-    unit : str or None
-        Unit of the values; None if not stated.
-    source : str
-        For messages.
-    changes : tuple of str
-        Changes so far, one sentence each.
-    assumption : str
-        Sentence on a system that the file does not fully state; a system that the caller names replaces it. Empty if it states one.
-    packing : tuple of float
-        Scale and offset by which the numbers in the file became the values.
-    is_logged : bool
-        Whether changes are logged as they are made; otherwise that is left to the reader of the quantity.
-    """
-
-    values: np.ndarray
+    values: np.ndarray  # (rows, columns): in `unit`, float64, rows as in the file; NaN where the file marks a cell as unknown
+    # GDAL-like affine map `(a, b, c, d, e, f)`: `x = a column + b row + c`, `y = d column + e row + f` from the outer corner of
+    # cell (0, 0)
     transform: tuple[float, float, float, float, float, float]
-    crs: Any
-    unit: str | None
-    source: str
-    changes: tuple[str, ...] = ()
+    crs: Any  # pyproj.CRS or None: horizontal coordinate reference system; None if neither the file nor the caller names one
+    unit: str | None  # unit of the values; None if not stated
+    source: str  # for messages
+    changes: tuple[str, ...] = ()  # changes so far, one sentence each
+    # sentence on a system that the file does not fully state; a system that the caller names replaces it. Empty if it states one
     assumption: str = ""
-    packing: tuple[float, float] = (1.0, 0.0)
-    is_logged: bool = True
+    packing: tuple[float, float] = (1.0, 0.0)  # scale and offset by which the numbers in the file became the values
+    is_logged: bool = True  # whether changes are logged as they are made; otherwise that is left to the reader of the quantity
 
     @property
     def cell(self) -> tuple[float, float]:

@@ -20,23 +20,13 @@ class NodalSurface:
 
     Backends make the coefficients under their blocks; here they are made in tiles, once each, for whoever asks. So memory and time
     follow the places asked for, not the number of nodes under the raster.
-
-    Parameters
-    ----------
-    surface : Surface
-        On a lattice of its own.
-    spacing : tuple of float
-        Of the grid, east and north [m]; node 0 lies at position 0.
-    change : ndarray (nx, ny)
-        What the coefficients of the nodes from ``first`` on have more [m], float64; none beyond.
-    first : tuple of int
-        Node of ``change[0, 0]``.
     """
 
-    surface: Surface
-    spacing: tuple[float, float]
+    surface: Surface  # on a lattice of its own
+    spacing: tuple[float, float]  # of the grid, east and north [m]; node 0 lies at position 0
+    # (nx, ny): what the coefficients of the nodes from `first` on have more [m], float64; none beyond
     change: np.ndarray = field(default_factory=lambda: NONE)
-    first: tuple[int, int] = (0, 0)
+    first: tuple[int, int] = (0, 0)  # node of `change[0, 0]`
     _tiles: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False)
     _unchanged: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False)
 

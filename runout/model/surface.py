@@ -22,21 +22,12 @@ _resampled_coefficient = for_arrays(heightfield.resampled_coefficient, spline_co
 class Surface:
     """Elevation as a biquadratic B-spline.
 
-    Parameters
-    ----------
-    coefficients : ndarray (nx, ny)
-        Spline coefficients [m], float64, first index east, second north.
-    spacing : tuple of float
-        Lattice spacing east and north [m].
-    origin : tuple of float
-        Local position of ``coefficients[0, 0]`` [m].
-
     Points outside the lattice see its outermost patch continued.
     """
 
-    coefficients: np.ndarray
-    spacing: tuple[float, float]
-    origin: tuple[float, float] = (0.0, 0.0)
+    coefficients: np.ndarray  # (nx, ny): spline coefficients [m], float64, first index east, second north
+    spacing: tuple[float, float]  # lattice spacing east and north [m]
+    origin: tuple[float, float] = (0.0, 0.0)  # local position of `coefficients[0, 0]` [m]
 
     @classmethod
     def through(

@@ -18,18 +18,12 @@ class LocalFrame:
 
     Local ``x`` points east, ``y`` north, ``z`` up (elevation itself); all in metres. Large map coordinates
     never reach a float32 array: they are subtracted here, in float64.
-
-    Parameters
-    ----------
-    easting, northing : float
-        Map coordinates of the local origin [m], the outer south-west corner of the elevation raster.
-    crs : str or None
-        Coordinate reference system as WKT; None for a local one.
     """
 
+    # easting, northing: map coordinates of the local origin [m], the outer south-west corner of the elevation raster
     easting: float = 0.0
     northing: float = 0.0
-    crs: str | None = None
+    crs: str | None = None  # coordinate reference system as WKT; None for a local one
 
     def to_local(self, coordinates: np.ndarray) -> np.ndarray:
         """Local coordinates (..., 2 or 3) [m] of map coordinates (..., 2 or 3) [m], float64."""

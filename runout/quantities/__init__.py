@@ -22,74 +22,34 @@ WITHOUT_VALUE = (ARRIVAL, SHARE)  # maps of a member that hold no value, not 0, 
 
 @dataclass(frozen=True)
 class MapQuantity:
-    """A quantity of a flow that has a map per member, and maps over the members.
+    """A quantity of a flow that has a map per member, and maps over the members."""
 
-    Parameters
-    ----------
-    name : str
-        Start of the names of thresholds and probabilities, as in ``speed_thresholds``.
-    units : str
-        UDUNITS unit.
-    words : str
-        Name in sentences, such as "flow speed".
-    described : str
-        Name with the definition, for legends.
-    formula : function, optional
-        Value of a column from its thickness [m], speed [m/s] and density [kg/m3], in the subset of Python of
-        :mod:`runout.physics`; the map of a member holds its largest value over time. None: the thickness at the end of the run.
-    thresholds : tuple of float
-        Default thresholds of exceedance, ascending.
-    stem : str
-        Name in the maps themselves; default: ``name``.
-    symbol : str
-        Label of a colour bar.
-    colours : str
-        Colour map of matplotlib, light for small values.
-    classes : tuple of float
-        Lower edges of classes above 0 that all maps of it have, in ``units``; empty: classes follow from thresholds and values.
-    meanings : tuple of str
-        What the flow does from each class on, for legends.
-    logarithmic : bool
-        Logarithmic colours in the report, where it has no classes.
-    least_threshold : float
-        Smallest threshold that is accepted, against wrong units; 0: any positive one.
-    hint : str
-        Remedy for thresholds that are too small.
-    has_mean : bool
-        Whether the products have its mean over the members.
-    remark : str
-        Sentence for the caption of its map.
-    place : int
-        Order among the quantities of files and pages; those of one place follow by name.
-    of_bed : bool
-        Whether it is one of an erodible bed: then it has no formula, and its maps exist where members have a bed.
-    part_of : str
-        Map of a member with values of both signs, of which the quantity is one part; it has no percentiles then. Default: a map of
-        its own.
-    sign : int
-        Sign of that part, -1 or 1; its values count as positive.
-    """
-
-    name: str
-    units: str
-    words: str
-    described: str
+    name: str  # start of the names of thresholds and probabilities, as in `speed_thresholds`
+    units: str  # UDUNITS unit
+    words: str  # name in sentences, such as "flow speed"
+    described: str  # name with the definition, for legends
+    # value of a column from its thickness [m], speed [m/s] and density [kg/m3], in the subset of Python of :mod:`runout.physics`;
+    # the map of a member holds its largest value over time. None: the thickness at the end of the run
     formula: Callable[[Any, Any, Any], Any] | None
-    thresholds: tuple[float, ...]
-    stem: str = ""
-    symbol: str = ""
-    colours: str = "plasma_r"
+    thresholds: tuple[float, ...]  # default thresholds of exceedance, ascending
+    stem: str = ""  # name in the maps themselves; default: `name`
+    symbol: str = ""  # label of a colour bar
+    colours: str = "plasma_r"  # colour map of matplotlib, light for small values
+    # lower edges of classes above 0 that all maps of it have, in `units`; empty: classes follow from thresholds and values
     classes: tuple[float, ...] = ()
-    meanings: tuple[str, ...] = ()
-    logarithmic: bool = False
-    least_threshold: float = 0.0
-    hint: str = ""
-    has_mean: bool = False
-    remark: str = ""
-    place: int = 10
+    meanings: tuple[str, ...] = ()  # what the flow does from each class on, for legends
+    logarithmic: bool = False  # logarithmic colours in the report, where it has no classes
+    least_threshold: float = 0.0  # smallest threshold that is accepted, against wrong units; 0: any positive one
+    hint: str = ""  # remedy for thresholds that are too small
+    has_mean: bool = False  # whether the products have its mean over the members
+    remark: str = ""  # sentence for the caption of its map
+    place: int = 10  # order among the quantities of files and pages; those of one place follow by name
+    # whether it is one of an erodible bed: then it has no formula, and its maps exist where members have a bed
     of_bed: bool = False
+    # map of a member with values of both signs, of which the quantity is one part; it has no percentiles then. Default: a map of
+    # its own
     part_of: str = ""
-    sign: int = 1
+    sign: int = 1  # sign of that part, -1 or 1; its values count as positive
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stem", self.stem or self.name)

@@ -29,24 +29,12 @@ class Bound:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Errors on successively finer grids.
+    """Errors on successively finer grids."""
 
-    Parameters
-    ----------
-    quantity : str
-        Quantity and norm of the errors.
-    cells : tuple of float
-        Resolutions: cells along the reference length, or steps.
-    errors : tuple of float
-        One per resolution, relative.
-    declared : float
-        Order of the scheme; the least-squares slope may be smaller by :data:`SLACK`.
-    """
-
-    quantity: str
-    cells: tuple[float, ...]
-    errors: tuple[float, ...]
-    declared: float
+    quantity: str  # quantity and norm of the errors
+    cells: tuple[float, ...]  # resolutions: cells along the reference length, or steps
+    errors: tuple[float, ...]  # one per resolution, relative
+    declared: float  # order of the scheme; the least-squares slope may be smaller by :data:`SLACK`
 
     @property
     def order(self) -> float:
