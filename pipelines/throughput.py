@@ -1,4 +1,4 @@
-"""Throughput: layers of different size, threads and precision -> particle-steps per second and memory -> JSON and figure.
+"""Throughput: layers of different size, threads and precision -> particle-steps per second and memory -> JSON.
 
     python pipelines/throughput.py OUT
 
@@ -12,4 +12,4 @@ from runout.studies.work_precision import Choices, report, run
 
 if __name__ == "__main__":
     out = Path(sys.argv[1])
-    report(run(Choices(), out / "bench.json", out / "bench.png"))
+    report(run(Choices(), out / "bench.json"))

@@ -84,7 +84,6 @@ declare_readers(
         "Probes.from_vector": "runout.io.probe_layers:read_probes",
         "Structures.from_file": "runout.structures.read:structures_from_file",
         "Structures.from_sources": "runout.structures.read:structures_from_sources",
-        "Structures.from_overhangs": "runout.structures.read:structures_from_overhangs",
         "Bed.from_vector": "runout.terrain.beds:read_bed_polygons",
         "Inflow.from_vector": "runout.release.read_inflow:read_inflow",
         "Bed.from_raster": "runout.terrain.beds:read_bed_raster",
@@ -96,8 +95,12 @@ declare_readers(
 
 def _homes() -> dict[str, str]:
     """Module of every public name, those of the laws included."""
-    registries = map(import_module, ("runout.model.laws", "runout.model.friction_laws", "runout.model.erosion_laws"))
-    return _HOME | {name: home for registry in registries for name, home in registry.public_names().items()}
+    from runout.model.erosion_laws import EROSIONS
+    from runout.model.friction_laws import FRICTIONS
+    from runout.model.laws import LAWS
+    from runout.model.registered_law import public_names
+
+    return _HOME | public_names(LAWS) | public_names(FRICTIONS) | public_names(EROSIONS)
 
 
 def __getattr__(name: str) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from runout.studies.work_report import cost_table, table
+from runout.studies.work_precision import cost_table, table
 
 
 class BenchTables(SphinxDirective):

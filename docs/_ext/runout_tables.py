@@ -99,9 +99,12 @@ class LawClasses(SphinxDirective):
 
     def run(self) -> list[Any]:
         """Nodes of their documentation."""
-        from runout.model import erosion_laws, friction_laws, laws
+        from runout.model.erosion_laws import EROSIONS
+        from runout.model.friction_laws import FRICTIONS
+        from runout.model.laws import LAWS
+        from runout.model.registered_law import public_names
 
-        names = [*laws.public_names(), *friction_laws.public_names(), *erosion_laws.public_names()]
+        names = [*public_names(LAWS), *public_names(FRICTIONS), *public_names(EROSIONS)]
         text = "\n".join(f"```{{eval-rst}}\n.. autoclass:: runout.{name}\n```\n" for name in names)
         return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 

@@ -25,8 +25,8 @@ from docs.pages import (
     verification,
     work_precision,
 )
+from docs.pages.bench_figure import draw
 from docs.pages.study_page import StudyPage
-from runout.studies.work_report import draw
 
 DOCS = Path(__file__).parents[1]
 RECORDS = DOCS.parent / "tests" / "benchmarks" / "records"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from runout.io.atomic import whole_file, write_text
-from runout.studies.work_report import markdown
+from runout.studies.work_precision import markdown
 
 __all__ = ["StudyPage", "as_csv", "as_png", "download", "markdown"]
 TABLES = "tables"  # folder of the CSV files, beside the page

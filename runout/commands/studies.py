@@ -10,15 +10,12 @@ from runout.commands.options import Device, Injected, command
 from runout.commands.written import Written
 from runout.errors import ConfigError, ExitCode
 
-PICTURES = (".png", ".svg", ".pdf")
-
 
 @command()
 def bench(
     *,
     full: Annotated[bool, Parameter(negative="", help="Up to 1e7 particles (hours).")] = False,
     json: Annotated[Path | None, Parameter(help="Write all measurements to this file."), Written()] = None,
-    figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf)."), Written(endings=PICTURES)] = None,
     device: Annotated[str, Parameter(help="cpu, or cuda:0.")] = "cpu",
     threads: Annotated[tuple[int, ...], Parameter(consume_multiple=True, negative="")] = (1, 2),
     precision: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = ("float32", "float64"),
@@ -29,7 +26,7 @@ def bench(
 
     choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision)
     record = json or (session.out / work_precision.FILE if session.out else None)
-    work_precision.report(work_precision.run(choices, record, figure))
+    work_precision.report(work_precision.run(choices, record))
     return ExitCode.OK
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from runout.commands.options import TRAITS
-from runout.errors import ConfigError
 from runout.io.boundary import SITE_FILE
 from runout.io.places import require_place, require_results
 
@@ -20,14 +19,11 @@ class Written:
     ----------
     folder : bool or None
         Whether that is a folder; None: if the name has no ending.
-    endings : tuple of str
-        Of the names of files; empty if any will do.
     instead : bool
         Whether the command then writes nothing to the results folder.
     """
 
     folder: bool | None = False
-    endings: tuple[str, ...] = ()
     instead: bool = False
 
 
@@ -39,8 +35,6 @@ def require_places(command: Callable[..., Any], given: Mapping[str, Any], out: P
     named = list(_written(command, given))
     for name, mark, path in named:
         folder = not path.suffix if mark.folder is None else mark.folder
-        if mark.endings and path.suffix.lower() not in mark.endings:
-            raise ConfigError(f"{name} {path}: its name must end in {' or '.join(mark.endings)}")
         require_place(name, path, folder=folder)
     if not TRAITS[command].writes or any(mark.instead for _, mark, _ in named):
         return

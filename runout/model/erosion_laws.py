@@ -7,10 +7,10 @@ from functools import cached_property
 from types import FunctionType
 from typing import Any, ClassVar
 
-from runout.errors import ConfigError, MaterialError
-from runout.model.parameters import numpydoc, parameters_of
-from runout.model.registered_law import RegisteredLaw, functions_of_law, law_followed, require_declared, require_shared_subset
-from runout.model.registry import Registry, classes_in
+from runout.errors import ConfigError
+from runout.model.parameters import parameters_of
+from runout.model.registered_law import RegisteredLaw, law_followed, register
+from runout.model.registry import Registry
 
 PACKAGE = "runout.erosion"
 DEFAULT_EROSION = "ramms"
@@ -83,20 +83,7 @@ def register_erosion(erosion: type[Erosion], rate: Callable[..., Any]) -> None:
         wanted = "a plain function of (H, u, sigma, tau, pore_ratio, eroded, bed)"
         raise ConfigError(f"erosion law {erosion.law}: rate must be {wanted}, not {rate!r}")
     law = ErosionLaw(erosion.law, erosion, rate)
-    require_declared(law, "erosion law", Erosion, ConfigError, ranges=True)
-    if not law.is_of_runout:  # the tests of runout check its own
-        try:
-            for function in functions_of_law(law.rate):
-                require_shared_subset(function)
-        except MaterialError as error:
-            raise ConfigError(str(error)) from None
-    erosion.__doc__ = numpydoc(erosion)
-    EROSIONS.add(law.name, f"{erosion.__module__}.{erosion.__qualname__}", law)
-
-
-def public_names() -> dict[str, str]:
-    """Module of each class that an erosion law of runout defines, by its name."""
-    return classes_in(law.declaration.__module__ for law in EROSIONS.of_runout())
+    register(EROSIONS, law, Erosion, ConfigError, ranges=True)
 
 
 def erosion_law_of(erosion: Erosion) -> ErosionLaw:

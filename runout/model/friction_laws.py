@@ -7,18 +7,10 @@ from functools import cached_property
 from types import FunctionType, SimpleNamespace
 from typing import Any
 
-from runout.errors import ConfigError, MaterialError
+from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction, MassAbove
-from runout.model.parameters import numpydoc
-from runout.model.registered_law import (
-    RegisteredLaw,
-    calling,
-    functions_of_law,
-    law_followed,
-    require_declared,
-    require_shared_subset,
-)
-from runout.model.registry import Registry, classes_in
+from runout.model.registered_law import RegisteredLaw, calling, functions_of_law, law_followed, register
+from runout.model.registry import Registry
 from runout.physics import bed, contact
 
 PACKAGE = "runout.friction"
@@ -155,16 +147,7 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
         wanted = "a plain function of (normal, slip, area, dt, basal)"
         raise ConfigError(f"friction law {friction.law}: resistance must be {wanted}, not {resistance!r}")
     law = FrictionLaw(friction.law, friction, resistance)
-    require_declared(law, "friction law", BasalFriction, ConfigError, ranges=True)
-    _require_numbers(law)
-    if not law.is_of_runout:  # the tests of runout check its own
-        try:
-            for function in functions_of_law(law.resistance):
-                require_shared_subset(function)
-        except MaterialError as error:
-            raise ConfigError(str(error)) from None
-    friction.__doc__ = numpydoc(friction)
-    FRICTIONS.add(law.name, f"{friction.__module__}.{friction.__qualname__}", law)
+    register(FRICTIONS, law, BasalFriction, ConfigError, _require_numbers, ranges=True)
 
 
 def _require_numbers(law: FrictionLaw) -> None:
@@ -175,11 +158,6 @@ def _require_numbers(law: FrictionLaw) -> None:
     if not law.friction.coefficients or not set(law.friction.coefficients) <= set(law.numbers):
         names = ", ".join(law.numbers)
         raise ConfigError(f"{subject}: coefficients must name friction coefficients among {names}, that at rest first")
-
-
-def public_names() -> dict[str, str]:
-    """Module of each class that a friction law of runout defines, by its name."""
-    return classes_in(law.declaration.__module__ for law in FRICTIONS.of_runout())
 
 
 def friction_law_of(friction: BasalFriction) -> FrictionLaw:

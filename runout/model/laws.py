@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from runout.errors import MaterialError
 from runout.model.materials import Material
-from runout.model.parameters import numpydoc
-from runout.model.registered_law import (
-    RegisteredLaw,
-    calling,
-    functions_of_law,
-    law_followed,
-    require_declared,
-    require_shared_subset,
-)
-from runout.model.registry import Registry, classes_in
+from runout.model.registered_law import RegisteredLaw, calling, functions_of_law, law_followed, register
+from runout.model.registry import Registry
 from runout.physics import elastic, plastic
 
 if TYPE_CHECKING:
@@ -128,13 +120,7 @@ def register_law(material: type[Material], update: Callable[..., Any] | None = N
         If the declaration is incomplete or inconsistent, or another law has the name.
     """
     law = Law(material.law, material, _function(material, update))
-    require_declared(law, "law", Material, MaterialError)
-    _require_finite_record(law)
-    if law.update and not law.is_of_runout:  # the tests of runout check its own
-        for function in functions_of_law(law.update):
-            require_shared_subset(function)
-    material.__doc__ = numpydoc(material)
-    LAWS.add(law.name, f"{material.__module__}.{material.__qualname__}", law)
+    register(LAWS, law, Material, MaterialError, _require_finite_record)
 
 
 def _function(material: type[Material], update: Any) -> FunctionType | None:
@@ -150,11 +136,6 @@ def _require_finite_record(law: Law) -> None:
     for name, value in law.example.record().items():
         if not (name.isidentifier() and math.isfinite(value)):
             raise MaterialError(f"law {law.name}: record() has {name} = {value!r}; finite numbers by name are needed")
-
-
-def public_names() -> dict[str, str]:
-    """Module of each class that a material law of runout defines, by its name."""
-    return classes_in(law.declaration.__module__ for law in LAWS.of_runout())
 
 
 def law_of(material: Material) -> Law:

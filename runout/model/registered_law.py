@@ -15,8 +15,8 @@ from types import FunctionType, ModuleType
 from typing import Any, ClassVar, Generic, TypeVar
 
 from runout.errors import InputError, MaterialError
-from runout.model.parameters import Parameter, parameters_of
-from runout.model.registry import Registry
+from runout.model.parameters import Parameter, numpydoc, parameters_of
+from runout.model.registry import Registry, classes_in
 from runout.model.shared_subset import violations_in
 
 PHYSICS = "runout.physics."
@@ -165,6 +165,31 @@ def law_followed(registry: Registry[AnyLaw], declared: Any, register: str) -> An
     if not isinstance(declared, law.declaration):
         raise registry.error(f"{type(declared).__name__} is not the registered law {declared.law}; register it with {register}")
     return law
+
+
+def register(
+    registry: Registry[AnyLaw], law: AnyLaw, base: type, error: type[InputError],
+    require: Callable[[AnyLaw], None] = lambda law: None, *, ranges: bool = False,
+) -> None:  # fmt: skip
+    """Add a law to its registry and write its parameters into the docstring of its class; ``require`` checks what its kind needs.
+
+    Raises the given error if the declaration is incomplete, or the function of a law of another package leaves the shared subset.
+    """
+    require_declared(law, registry.kind, base, error, ranges=ranges)
+    require(law)
+    if law.function and not law.is_of_runout:  # the tests of runout check its own
+        try:
+            for function in functions_of_law(law.function):
+                require_shared_subset(function)
+        except MaterialError as cause:
+            raise error(str(cause)) from None
+    law.declaration.__doc__ = numpydoc(law.declaration)
+    registry.add(law.name, f"{law.declaration.__module__}.{law.declaration.__qualname__}", law)
+
+
+def public_names(registry: Registry[AnyLaw]) -> dict[str, str]:
+    """Module of each class that a law of runout defines, by its name."""
+    return classes_in(law.declaration.__module__ for law in registry.of_runout())
 
 
 def require_declared(law: RegisteredLaw[Any], kind: str, base: type, error: type[InputError], *, ranges: bool = False) -> None:

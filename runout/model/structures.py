@@ -227,7 +227,4 @@ class Structures:
         StructureError
             If nothing overhangs, or rock is thinner than two cells.
         """
-        structures: Structures = reader("Structures.from_overhangs")(
-            path, terrain, cell_size, friction_angle_deg=friction_angle_deg
-        )
-        return structures
+        return cls.from_sources((), terrain, cell_size, overhangs=path, overhang_friction_angle_deg=friction_angle_deg)

@@ -89,17 +89,6 @@ def structures_from_file(
     return structures_from_sources([source], terrain, cell_size)
 
 
-def structures_from_overhangs(
-    path: str | PathLike[str],
-    terrain: Terrain,
-    cell_size: float | tuple[float, float, float],
-    *,
-    friction_angle_deg: float | None = None,
-) -> Structures:
-    """Structures of the overhangs of a mesh for a grid; see :meth:`runout.Structures.from_overhangs`."""
-    return structures_from_sources([], terrain, cell_size, overhangs=path, overhang_friction_angle_deg=friction_angle_deg)
-
-
 def structures_from_sources(
     sources: Sequence[StructureSource] | StructureSource,
     terrain: Terrain,

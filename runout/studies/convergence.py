@@ -19,7 +19,7 @@ from runout.scores.contingency import contingency
 from runout.scores.elevation_change import elevation_change
 from runout.scores.field_errors import differences
 from runout.scores.flow import BAR_MAPS, OF_MEMBER
-from runout.studies.work_report import markdown
+from runout.studies.work_precision import markdown
 
 if TYPE_CHECKING:
     from runout.config.site import Site

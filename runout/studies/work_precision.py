@@ -8,7 +8,7 @@ import logging
 import os
 import platform
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
@@ -64,8 +64,8 @@ class Choices:
         return tuple(t for t in self.threads if t <= cores) or (cores,)
 
 
-def run(choices: Choices, json_file: Path | None = None, figure: Path | None = None) -> dict[str, Any]:
-    """Measure, write JSON and figure if requested, and return the content of the JSON.
+def run(choices: Choices, json_file: Path | None = None) -> dict[str, Any]:
+    """Measure, write JSON if requested, and return the content of the JSON.
 
     Raises ConfigError or DeviceError for a choice that cannot be measured. Raises StorageError for a file that cannot be written.
     """
@@ -74,16 +74,11 @@ def run(choices: Choices, json_file: Path | None = None, figure: Path | None = N
     content = measured(choices)
     if json_file:
         LOGGER.info("wrote %s", write_json(content, json_file))
-    if figure:
-        from runout.studies.work_report import draw
-
-        LOGGER.info("wrote %s", draw(content, figure))
     return content
 
 
 def report(content: dict[str, Any]) -> None:
     """Print stages, memory and ratios."""
-    from runout.studies.work_report import cost_table, table
 
     for part in (cost_table(content), table(content)):
         log.output().print(part, end="\n\n", markup=False)
@@ -250,3 +245,47 @@ def commit() -> str | None:
     except (OSError, subprocess.CalledProcessError):
         return None
     return f"{head}+{hashlib.sha256(changed.encode()).hexdigest()[:8]}" if changed else head
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown, without a line break at its end."""
+    lines = [heads, ["---"] * len(heads), *([cell.replace("|", "/") for cell in row] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def table(content: dict[str, Any]) -> str:
+    """The ratios as a table in Markdown."""
+    r, studies = content["ratios"], content["studies"]
+    rows = [(f"{x['threads']} threads over {fewest(content)}", x["particles"], x["ratio"]) for x in r["threads"]]
+    if "float64_over_float32" in r:
+        rows.append(("float64 over float32", studies["precision"][0]["particles"], r["float64_over_float32"]))
+    thin, layer = studies["depth"][0]["particles"], "layer of {depth} cells over one of {deep}, {upwards} particles upwards"
+    rows += [(layer.format(**x), thin, x["ratio"]) for x in r["thin_over_deep"]]
+    apart = studies["sparsity"][0]["particles"]
+    rows += [(f"{x['index']}, sparsity {x['sparsity']:g}, over sparse 1", apart, x["ratio"]) for x in r["sparsity"][1:]]
+    rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r.get("against", ())]
+    for bound in ("bandwidth", "arithmetic"):
+        rows += [(f"of the {bound} bound, threads: {x['threads']}", x["particles"], x[f"of_{bound}"]) for x in r["roofline"]]
+    return markdown(("rate of particle-steps", "particles", "ratio"), [(a, count(b), f"{c:.3g}") for a, b, c in rows])
+
+
+def cost_table(content: dict[str, Any]) -> str:
+    """Share of each stage in a step, and the memory, against the number of particles, in Markdown."""
+    alone = [m for m in content["studies"]["size"] if m["case"]["threads"] == fewest(content)]
+    stages = list(dict.fromkeys(name for m in alone for name in m["ns_per_particle_step"]))
+    rows = []
+    for m in alone:
+        ns = m["ns_per_particle_step"]
+        shares = [f"{100 * ns.get(name, 0.0) / sum(ns.values()):.0f} %" for name in stages]
+        rows.append((count(m["particles"]), *shares, f"{m['memory']['bytes_per_particle']:.0f}"))
+    return markdown(("particles", *stages, "bytes a particle"), rows)
+
+
+def fewest(content: dict[str, Any]) -> int:
+    """Smallest number of threads of the study of size."""
+    return int(min(m["case"]["threads"] for m in content["studies"]["size"]))
+
+
+def count(particles: int) -> str:
+    """Number of particles as text: 10 k, 0.4 M."""
+    return f"{particles / 1e6:.2g} M" if particles >= 200_000 else f"{particles / 1e3:.3g} k"

@@ -219,7 +219,7 @@ def record(out: Path) -> None:
     """Write the record of all runs of com1DFA that DIR holds, of those of runout, and of the median of the tools."""
     from docs.pages.iseesnow_terms import OTHER
     from runout.studies.validation_cases import iseesnow
-    from runout.studies.validation_cases.whole_column import WholeColumn
+    from tests.benchmarks.whole_column import WholeColumn
 
     inputs = iseesnow.read("IdealizedTopo")
     runs = {name: com1dfa_numbers(inputs, folder_of(out, name)) for name in VARIANTS if folder_of(out, name).is_dir()}

@@ -66,7 +66,6 @@ def test_films_and_files_for_paraview_are_refused_by_their_option(folder, capsys
 def test_files_of_studies_are_refused_by_their_option(folder, capsys):
     assert line(capsys, "verify", "U6", "--json", "film.gif") == "--json film.gif: is a folder; name a file in it"
     assert line(capsys, "bench", "--json", "note/a.json").startswith("--json note/a.json: ")
-    assert line(capsys, "bench", "--figure", "a.abc") == "--figure a.abc: its name must end in .png or .svg or .pdf"
 
 
 def test_the_usual_results_folder_is_checked_too(folder, capsys):

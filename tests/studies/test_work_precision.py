@@ -7,13 +7,13 @@ import socket
 import numpy as np
 import pytest
 
+from docs.pages.bench_figure import draw
 from runout.cli import main
 from runout.errors import ConfigError, ExitCode
 from runout.studies import work_precision
 from runout.studies.sloping_layer import SPACING, Layer
 from runout.studies.timing import Case, TimedRun, take_turns
-from runout.studies.work_precision import Choices
-from runout.studies.work_report import cost_table, table
+from runout.studies.work_precision import Choices, cost_table, table
 from tests.benchmarks import prototype
 
 SMALL = Choices(threads=(1,), precision=("float32",), sizes=(1500,), size=1500, repetitions=2)
@@ -21,9 +21,9 @@ SMALL = Choices(threads=(1,), precision=("float32",), sizes=(1500,), size=1500, 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """JSON and figure of a very small benchmark."""
+    """JSON of a very small benchmark."""
     folder = tmp_path_factory.mktemp("bench")
-    work_precision.run(SMALL, folder / "bench.json", folder / "bench.png")
+    work_precision.run(SMALL, folder / "bench.json")
     return folder
 
 
@@ -60,8 +60,8 @@ def test_json_names_neither_the_machine_nor_a_path(content):
     assert set(content["machine"]) == {"cores", "vector_bits", "architecture"}
 
 
-def test_figure_is_drawn(bench):
-    assert (bench / "bench.png").read_bytes().startswith(b"\x89PNG")
+def test_figure_of_the_documentation_is_drawn(content, tmp_path):
+    assert draw(content, tmp_path / "bench.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_tables_show_every_ratio(content):
@@ -131,7 +131,7 @@ def test_a_script_that_is_no_prototype_is_refused_in_one_sentence(tmp_path):
 
 def test_command_writes_the_record_to_the_stated_folder(tmp_path, monkeypatch):
     written = []
-    monkeypatch.setattr(work_precision, "run", lambda choices, json_file, figure: written.append(json_file))
+    monkeypatch.setattr(work_precision, "run", lambda choices, json_file: written.append(json_file))
     monkeypatch.setattr(work_precision, "report", lambda content: None)
     assert main(["bench", "--out", str(tmp_path)]) == ExitCode.OK
     assert main(["bench"]) == ExitCode.OK

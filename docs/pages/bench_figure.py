@@ -1,44 +1,14 @@
-"""Table and figure of a benchmark from its JSON."""
+"""Figure of a benchmark from its JSON."""
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
+from runout.io.atomic import whole_file
+from runout.studies.work_precision import count, fewest
+
 STAGE_COLOURS = ("#33658a", "#86bbd8", "#758e4f", "#f6ae2d", "#f26419", "#8d6a9f", "#b0a8b9", "#5c5c5c")
-
-
-def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown, without a line break at its end."""
-    lines = [heads, ["---"] * len(heads), *([cell.replace("|", "/") for cell in row] for row in rows)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def table(content: dict[str, Any]) -> str:
-    """The ratios as a table in Markdown."""
-    r, studies = content["ratios"], content["studies"]
-    rows = [(f"{x['threads']} threads over {_fewest(content)}", x["particles"], x["ratio"]) for x in r["threads"]]
-    if "float64_over_float32" in r:
-        rows.append(("float64 over float32", studies["precision"][0]["particles"], r["float64_over_float32"]))
-    thin, layer = studies["depth"][0]["particles"], "layer of {depth} cells over one of {deep}, {upwards} particles upwards"
-    rows += [(layer.format(**x), thin, x["ratio"]) for x in r["thin_over_deep"]]
-    apart = studies["sparsity"][0]["particles"]
-    rows += [(f"{x['index']}, sparsity {x['sparsity']:g}, over sparse 1", apart, x["ratio"]) for x in r["sparsity"][1:]]
-    rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r.get("against", ())]
-    for bound in ("bandwidth", "arithmetic"):
-        rows += [(f"of the {bound} bound, threads: {x['threads']}", x["particles"], x[f"of_{bound}"]) for x in r["roofline"]]
-    return markdown(("rate of particle-steps", "particles", "ratio"), [(a, _count(b), f"{c:.3g}") for a, b, c in rows])
-
-
-def cost_table(content: dict[str, Any]) -> str:
-    """Share of each stage in a step, and the memory, against the number of particles, in Markdown."""
-    alone = [m for m in content["studies"]["size"] if m["case"]["threads"] == _fewest(content)]
-    stages = list(dict.fromkeys(name for m in alone for name in m["ns_per_particle_step"]))
-    rows = []
-    for m in alone:
-        ns = m["ns_per_particle_step"]
-        shares = [f"{100 * ns.get(name, 0.0) / sum(ns.values()):.0f} %" for name in stages]
-        rows.append((_count(m["particles"]), *shares, f"{m['memory']['bytes_per_particle']:.0f}"))
-    return markdown(("particles", *stages, "bytes a particle"), rows)
 
 
 def draw(content: dict[str, Any], file: Path) -> Path:
@@ -46,10 +16,6 @@ def draw(content: dict[str, Any], file: Path) -> Path:
 
     Raises StorageError if the file cannot be written.
     """
-    from matplotlib.figure import Figure
-
-    from runout.io.atomic import whole_file
-
     figure = Figure(figsize=(11, 7.6), layout="constrained")
     panels = figure.subplots(2, 2)
     _size(panels[0, 0], content)
@@ -64,7 +30,7 @@ def draw(content: dict[str, Any], file: Path) -> Path:
 
 
 def _size(axes: Any, content: dict[str, Any]) -> None:
-    first = _fewest(content)
+    first = fewest(content)
     for threads in sorted({m["case"]["threads"] for m in content["studies"]["size"]}):
         line = [m for m in content["studies"]["size"] if m["case"]["threads"] == threads]
         n, rate = [m["particles"] for m in line], [m["rate"] / 1e6 for m in line]
@@ -73,7 +39,7 @@ def _size(axes: Any, content: dict[str, Any]) -> None:
     fastest = max(m["rate"] for m in content["studies"]["size"]) / 1e6
     axes.set(xlabel="particles", ylabel="million particle-steps per second", title="Rate, everything on", ylim=(0, 1.15 * fastest))
     counts = sorted({m["particles"] for m in content["studies"]["size"]})
-    axes.set_xticks(counts, [_count(n) for n in counts])
+    axes.set_xticks(counts, [count(n) for n in counts])
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend(frameon=False, loc="lower left")
@@ -85,16 +51,16 @@ def _size(axes: Any, content: dict[str, Any]) -> None:
 
 
 def _stages(axes: Any, content: dict[str, Any]) -> None:
-    bars = [m for m in content["studies"]["size"] if m["case"]["threads"] == _fewest(content)] + content["studies"]["depth"][:1]
+    bars = [m for m in content["studies"]["size"] if m["case"]["threads"] == fewest(content)] + content["studies"]["depth"][:1]
     names = list(dict.fromkeys(name for m in bars for name in m["ns_per_particle_step"]))
     base = [0.0] * len(bars)
     for name, colour in zip(names, STAGE_COLOURS, strict=False):
         part = [max(m["ns_per_particle_step"].get(name, 0.0), 0.0) for m in bars]
         axes.bar(range(len(bars)), part, bottom=base, color=colour, label=name, width=0.65)
         base = [a + b for a, b in zip(base, part, strict=True)]
-    labels = [f"{_count(m['particles'])}\n{m['case']['depth']} cells deep\n2 x 2 x {m['case']['upwards']}" for m in bars]
+    labels = [f"{count(m['particles'])}\n{m['case']['depth']} cells deep\n2 x 2 x {m['case']['upwards']}" for m in bars]
     axes.set_xticks(range(len(bars)), labels, fontsize=8)
-    axes.set(ylabel="ns per particle-step", title=f"Stages of a step, {_fewest(content)} thread(s)", xlim=(-0.6, len(bars) + 0.9))
+    axes.set(ylabel="ns per particle-step", title=f"Stages of a step, {fewest(content)} thread(s)", xlim=(-0.6, len(bars) + 0.9))
     handles, texts = axes.get_legend_handles_labels()
     axes.legend(handles[::-1], texts[::-1], frameon=False, fontsize=8, loc="center right")
 
@@ -118,22 +84,13 @@ def _sparsity(axes: Any, content: dict[str, Any]) -> None:
 
 def _comparisons(axes: Any, content: dict[str, Any]) -> None:
     r = content["ratios"]
-    rows = [(f"{x['threads']} threads / {_fewest(content)}, {_count(x['particles'])}", x["ratio"]) for x in r["threads"]]
+    rows = [(f"{x['threads']} threads / {fewest(content)}, {count(x['particles'])}", x["ratio"]) for x in r["threads"]]
     rows += [("float64 / float32", r["float64_over_float32"])] if "float64_over_float32" in r else []
     rows += [(f"{x['depth']} / {x['deep']} cells deep, 2 x 2 x {x['upwards']}", x["ratio"]) for x in r["thin_over_deep"]]
-    rows += [(f"runout / prototype, {x['threads']} thr., {_count(x['particles'])}", x["ratio"]) for x in r.get("against", ())]
+    rows += [(f"runout / prototype, {x['threads']} thr., {count(x['particles'])}", x["ratio"]) for x in r.get("against", ())]
     rows = rows[::-1]
     bars = axes.barh(range(len(rows)), [value for _, value in rows], color=STAGE_COLOURS[1])
     axes.bar_label(bars, [f"{value:.2f}" for _, value in rows], padding=3, fontsize=8)
     axes.set_yticks(range(len(rows)), [name for name, _ in rows], fontsize=8)
     axes.axvline(1.0, color="0.4", lw=0.8)
     axes.set(title="Ratios of rates", xlim=(0, 1.15 * max(1.0, *(value for _, value in rows))))
-
-
-def _fewest(content: dict[str, Any]) -> int:
-    return int(min(m["case"]["threads"] for m in content["studies"]["size"]))
-
-
-def _count(particles: int) -> str:
-    """Number of particles as text: 10 k, 0.4 M."""
-    return f"{particles / 1e6:.2g} M" if particles >= 200_000 else f"{particles / 1e3:.3g} k"
