@@ -91,9 +91,7 @@ _TERRAIN_MAPS = {
     "ground_slope": Variable("degree", "slope of the ground", "ground_slope_angle", valid_min=0.0, valid_max=90.0),
     "release_thickness": _positive("m", "thickness of the release, vertical", comment="before any sampled factor"),
     "inflow_thickness": _positive(
-        "m",
-        "thickness of the inflows, vertical",
-        comment="largest at their lines, on a strip of two cells",
+        "m", "thickness of the inflows, vertical", comment="largest at their lines, on a strip of two cells"
     ),
 }
 
@@ -174,11 +172,7 @@ _HAZARD_MAPS = {
         comment=_FRACTION,
     ),
     **{name: variable for q in ALL_QUANTITIES.values() for name, variable in _over_members(q).items()},
-    **_exceedance(
-        "joint",
-        _JOINTLY,
-        "where any member meets the condition",
-    ),
+    **_exceedance("joint", _JOINTLY, "where any member meets the condition"),
     **_annual("joint", _JOINTLY),
     FIRST_ARRIVAL: _positive("s", "earliest arrival of any member", comment="missing where no member arrives"),
     ARRIVAL_PERCENTILE: _positive(

@@ -42,11 +42,7 @@ class Preset:
         return round(math.floor(size / step + 1e-9) * step, 9)
 
 
-PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, 0.6),
-    "standard": Preset(1.5, 0.6),
-    "high": Preset(3.0, 0.6),
-}
+PRESETS: dict[str, Preset] = {"screening": Preset(1.0, 0.6), "standard": Preset(1.5, 0.6), "high": Preset(3.0, 0.6)}
 
 
 def preset(accuracy: str) -> Preset:
@@ -94,10 +90,7 @@ def work(grid: Mapping[str, Any]) -> float:
 
 
 def lines(
-    accuracy: str | None,
-    releases: "Sequence[Release]",
-    grid: Mapping[str, Any],
-    particles: Callable[[float], tuple[int, int, int]],
+    accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str, Any], particles: Callable[[float], tuple[int, int, int]]
 ) -> list[str]:
     """Lines of ``runout check``: the cells of a run with its expected error bars, and those of each preset with its relative work.
 

@@ -114,12 +114,7 @@ def global_attributes(terrain: Terrain, title: str) -> dict[str, Any]:
     } | (extent_attributes(terrain) | vertical_attributes(terrain))
 
 
-def write(
-    dataset: "xr.Dataset",
-    path: str | os.PathLike[str],
-    *,
-    groups: "Mapping[str, xr.Dataset] | None" = None,
-) -> Path:
+def write(dataset: "xr.Dataset", path: str | os.PathLike[str], *, groups: "Mapping[str, xr.Dataset] | None" = None) -> Path:
     """Write a dataset completely or not at all; returns the path. Safe to call from several threads.
 
     Units, names, types, fill values and ranges come from :data:`runout.variables.VARIABLES`; attributes that a

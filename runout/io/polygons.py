@@ -30,10 +30,7 @@ CASES = {  # what is wrong and the remedy, by the reason of GEOS
         "one hole lies in another",
         "delete the inner hole, or draw it as a polygon of its own if it is an island that belongs to the {what}",
     ),
-    "nested shells": (
-        "one of its parts lies in another",
-        "delete the inner part, which would count twice, or make it a hole",
-    ),
+    "nested shells": ("one of its parts lies in another", "delete the inner part, which would count twice, or make it a hole"),
     "interior is disconnected": (
         "its holes cut it into separate parts",
         "draw each part as a polygon of its own, or move the hole off the outline; {mended}",
@@ -262,11 +259,7 @@ def _joined(messages: Sequence[str]) -> str:
 
 
 def without_overlap(
-    layer: PolygonLayer,
-    values: np.ndarray | None,
-    what: str = "thickness",
-    unit: str = " m",
-    told: Sequence[str] | None = None,
+    layer: PolygonLayer, values: np.ndarray | None, what: str = "thickness", unit: str = " m", told: Sequence[str] | None = None
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Polygons (n,) without overlaps, and the sentences that report them; a common area is left to the first of its polygons.
 

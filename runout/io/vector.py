@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
 _GEOPACKAGE: dict[str, Any] = {"driver": "GPKG", "dataset_options": {"VERSION": "1.2"}}  # older programs open it without a warning
 
-RELEASE_COLUMNS = (
-    *("name", "source", "placement", "volume_m3", "area_m2", "mean_thickness_m", "max_thickness_m"),
-    "geometry",
-)
+RELEASE_COLUMNS = (*("name", "source", "placement", "volume_m3", "area_m2", "mean_thickness_m", "max_thickness_m"), "geometry")
 
 
 def write_outlines(

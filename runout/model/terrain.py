@@ -132,11 +132,7 @@ class Terrain:
 
     @classmethod
     def from_mesh(
-        cls,
-        path: str | PathLike[str],
-        cell_size: float,
-        crs: Any = None,
-        extent: tuple[float, float, float, float] | None = None,
+        cls, path: str | PathLike[str], cell_size: float, crs: Any = None, extent: tuple[float, float, float, float] | None = None
     ) -> "Terrain":
         """Terrain of a surface mesh on square cells of ``cell_size`` [m].
 

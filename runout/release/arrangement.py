@@ -27,11 +27,7 @@ HELD = 2.0  # ratio of friction to slope above which friction holds a mass
 
 
 def default_particles(
-    releases: Sequence[Release],
-    material: Material,
-    basal: BasalFriction | float,
-    height: float,
-    zones: FrictionZones | None = None,
+    releases: Sequence[Release], material: Material, basal: BasalFriction | float, height: float, zones: FrictionZones | None = None
 ) -> tuple[int, int, int]:
     """Default particles per cell (px, py, pz) of a run.
 

@@ -202,11 +202,7 @@ def _reason(stable: Stability, suggestion: Suggestion) -> str:
 
 
 def _record(
-    place: Place,
-    terrain: "Terrain",
-    figures: TerrainFigures,
-    soil: StabilitySettings,
-    suggestion: Suggestion | None,
+    place: Place, terrain: "Terrain", figures: TerrainFigures, soil: StabilitySettings, suggestion: Suggestion | None
 ) -> dict[str, Any]:
     record = {
         "runout": __version__,

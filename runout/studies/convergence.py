@@ -279,10 +279,7 @@ def command(site_path: Path, out: Path | None, device: str | None = None) -> int
     log.output().print(f"{record['site']}: numerical error of the median scenario with cells of {size:g} m", markup=False)
     for line in [*statements(record), BOUNDS]:
         log.output().print(f"  {line}", markup=False)
-    for path in (
-        write_json(record, opened.results / FILE),
-        write_text(as_markdown(record), opened.results / "convergence.md"),
-    ):
+    for path in (write_json(record, opened.results / FILE), write_text(as_markdown(record), opened.results / "convergence.md")):
         LOGGER.info("wrote %s", path)
     return ExitCode.OK
 

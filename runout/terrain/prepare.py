@@ -331,10 +331,7 @@ def _cell_centres(raster: ElevationRaster, target: object, side: float) -> tuple
     first_column, last_row = np.floor(west / side), np.floor(south / side)
     columns, rows = int(np.ceil(east / side) - first_column), int(np.ceil(north / side) - last_row)
     transform = (side, 0.0, first_column * side, 0.0, -side, (last_row + rows) * side)
-    easting, northing = np.meshgrid(
-        transform[2] + (np.arange(columns) + 0.5) * side,
-        transform[5] - (np.arange(rows) + 0.5) * side,
-    )
+    easting, northing = np.meshgrid(transform[2] + (np.arange(columns) + 0.5) * side, transform[5] - (np.arange(rows) + 0.5) * side)
     x, y = to_target.transform(easting, northing, direction="INVERSE")
     return transform, x, y
 

@@ -147,10 +147,7 @@ THRESHOLD = Case(
     "and while a part of its base sticks for a moment friction does not act in full.",
 )
 OBLIQUE = Case(
-    "T3",
-    "oblique friction",
-    f"{SETUP}, settled, thrown at 1 m/s on level ground across the grid, 0.25 s",
-    measure_oblique,
+    "T3", "oblique friction", f"{SETUP}, settled, thrown at 1 m/s on level ground across the grid, 0.25 s", measure_oblique
 )
 GAP = Case(
     "T4",

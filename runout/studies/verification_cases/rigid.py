@@ -48,11 +48,7 @@ def spin(time: float, spacing: float = SPACING) -> tuple[float, float, float]:
 def measure_fall(full: bool) -> list[Result]:
     """Errors of a falling cube."""
     place, velocity, strain = fall()
-    return [
-        Bound("position [m]", place, 1e-12),
-        Bound("velocity [m/s]", velocity, 1e-12),
-        Bound("strain", strain, 1e-12),
-    ]
+    return [Bound("position [m]", place, 1e-12), Bound("velocity [m/s]", velocity, 1e-12), Bound("strain", strain, 1e-12)]
 
 
 def measure_spin(full: bool) -> list[Result]:
