@@ -58,8 +58,16 @@ def _positive(units: str, long_name: str, comment: str | None = None) -> Variabl
     return Variable(units, long_name, valid_min=0.0, comment=comment)
 
 
-def _series(units: str, long_name: str, comment: str | None = None) -> Variable:
+def _double(units: str, long_name: str, comment: str | None = None) -> Variable:
     return Variable(units, long_name, dtype="float64", comment=comment)
+
+
+def _share(long_name: str, comment: str | None = None) -> Variable:
+    return Variable("1", long_name, valid_min=0.0, valid_max=1.0, comment=comment)
+
+
+def _text(long_name: str) -> Variable:
+    return Variable("", long_name, dtype="str")
 
 
 def _count(long_name: str, comment: str | None = None) -> Variable:
@@ -74,13 +82,11 @@ _MEMBER_MAPS = {
     ARRIVAL: _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
     "eroded_depth": _positive("m", "depth by which the flow lowered the ground, vertical"),
     "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),
-    "bed_share": Variable(
-        "1", "share of the erodible bed in the mass of the deposit", valid_min=0.0, valid_max=1.0, comment="missing without deposit"
-    ),
+    "bed_share": _share("share of the erodible bed in the mass of the deposit", "missing without deposit"),
     "flow_thickness": _positive("m", "flow thickness, vertical"),
     "speed": _positive("m s-1", "speed of the flow"),
-    "particle_easting": _series("m", "easting of a particle"),
-    "particle_northing": _series("m", "northing of a particle"),
+    "particle_easting": _double("m", "easting of a particle"),
+    "particle_northing": _double("m", "northing of a particle"),
     "particle_elevation": Variable("m", "elevation of a particle"),
     "particle_speed": Variable("m s-1", "speed of a particle"),
 }
@@ -102,23 +108,14 @@ GRID_ERROR = "of the grid alone, from a second grid of larger cells: a bar that 
 def _exceedance(name: str, condition: str, cells: str) -> dict[str, Variable]:
     """Probability that a condition holds and its standard errors; ``cells`` says which ones count for the mean error."""
     return {
-        f"{name}_exceedance_probability": Variable(
-            "1", f"conditional probability that {condition}", valid_min=0.0, valid_max=1.0, comment=_FRACTION
-        ),
-        f"{name}_exceedance_standard_error": Variable(
-            "1",
+        f"{name}_exceedance_probability": _share(f"conditional probability that {condition}", _FRACTION),
+        f"{name}_exceedance_standard_error": _share(
             f"standard error of the conditional probability that {condition}",
-            valid_min=0.0,
-            valid_max=1.0,
-            comment="sampling error alone; the attribute estimator has its formula. Of blocks: three degrees of freedom in a cell; "
+            "sampling error alone; the attribute estimator has its formula. Of blocks: three degrees of freedom in a cell; "
             "0 where all blocks agree",
         ),
-        f"{name}_exceedance_numerical_error": Variable(
-            "1",
-            f"numerical error of the conditional probability that {condition}",
-            valid_min=0.0,
-            valid_max=1.0,
-            comment=GRID_ERROR,
+        f"{name}_exceedance_numerical_error": _share(
+            f"numerical error of the conditional probability that {condition}", GRID_ERROR
         ),
         f"{name}_exceedance_rms_error": Variable(
             "1",
@@ -164,12 +161,8 @@ def _over_members(q: MapQuantity) -> dict[str, Variable]:
 
 
 _HAZARD_MAPS = {
-    "inundation_probability": Variable(
-        "1",
-        "conditional probability that the maximum flow thickness reaches or exceeds the lowest threshold",
-        valid_min=0.0,
-        valid_max=1.0,
-        comment=_FRACTION,
+    "inundation_probability": _share(
+        "conditional probability that the maximum flow thickness reaches or exceeds the lowest threshold", _FRACTION
     ),
     **{name: variable for q in ALL_QUANTITIES.values() for name, variable in _over_members(q).items()},
     **_exceedance("joint", _JOINTLY, "where any member meets the condition"),
@@ -221,19 +214,19 @@ _OBSERVED = {
     "mean_elevation_change": Variable(
         "m", "weighted mean over the members of the change of elevation", comment="deposit minus released mass and eroded depth"
     ),
-    "reach_start": _series("m", "upper end of the reach, along the thalweg"),
-    "reach_end": _series("m", "lower end of the reach, along the thalweg"),
-    "reach_volume": _series("m3", "net change of volume of the ground in the reach", _SURVEYED),
-    "observed_reach_volume": _series("m3", "observed net change of volume of the ground in the reach", _SURVEYED),
+    "reach_start": _double("m", "upper end of the reach, along the thalweg"),
+    "reach_end": _double("m", "lower end of the reach, along the thalweg"),
+    "reach_volume": _double("m3", "net change of volume of the ground in the reach", _SURVEYED),
+    "observed_reach_volume": _double("m3", "observed net change of volume of the ground in the reach", _SURVEYED),
 }
 
 _OF_A_BED = {
     CHANGE_PERCENTILE: Variable(
         "m", "percentile over the members of the change of elevation", comment="after the runout minus before the failure"
     ),
-    "mean_bed_share": Variable(
-        "1", "share of the erodible bed in the mean deposit of the members", valid_min=0.0, valid_max=1.0,
-        comment="shares of the members, weighted by their deposit; missing where none has a deposit",
+    "mean_bed_share": _share(
+        "share of the erodible bed in the mean deposit of the members",
+        "shares of the members, weighted by their deposit; missing where none has a deposit",
     ),
 }  # fmt: skip
 
@@ -241,9 +234,7 @@ _SLOPES = {
     "sink_depth": _positive("m", "depth below the spill of a closed sink of the elevation raster"),
     "drainage_area": _positive("m2", "plan area that drains through the cell", comment="along the steepest of eight directions"),
     "factor_of_safety": _positive("1", "median factor of safety of an infinite slope", comment="at most 10"),
-    "failure_probability": Variable(
-        "1", "share of the samples in which an infinite slope fails", valid_min=0, valid_max=1, comment="not an annual probability"
-    ),
+    "failure_probability": _share("share of the samples in which an infinite slope fails", "not an annual probability"),
     "failure_thickness": _positive("m", "mean vertical thickness of the samples that fail", comment="0 where none fails"),
 }
 
@@ -261,79 +252,79 @@ _ENSEMBLE = {
     "members_valid": _count("number of valid members, on which every map rests"),
     "members_failed": _count("number of members that failed"),
     "members_missing": _count("number of members that have not run"),
-    "effective_sample_size": Variable("1", "effective number of members, 1 / sum of squared weights", dtype="float64"),
+    "effective_sample_size": _double("1", "effective number of members, 1 / sum of squared weights"),
     "weight": Variable("1", "weight of the member, of a sum of 1 over all planned members", dtype="float64", valid_min=0.0),
     "annual_rate": Variable(
         "year-1", "annual rate of the member, its share of that of its scenario", dtype="float64", valid_min=0.0
     ),
-    "scenario": Variable("", "name of the scenario of the member", dtype="str"),
-    "fails": Variable("1", "whether it fails (1) or not (0)", dtype="float64"),
+    "scenario": _text("name of the scenario of the member"),
+    "fails": _double("1", "whether it fails (1) or not (0)"),
     "seed": Variable("1", "seed of the member's random numbers", dtype="int64"),
-    "file": Variable("", "name of the member's file in members/", dtype="str"),
-    "status": Variable("", "valid, failed or missing", dtype="str"),
-    "failure_reason": Variable("", "why the member failed", dtype="str"),
-    "basal_friction_angle_deg": Variable("degree", "basal friction angle", dtype="float64"),
-    "friction_angle_deg": Variable("degree", "internal friction angle", dtype="float64"),
-    "cohesion": Variable("Pa", "cohesion", dtype="float64"),
-    "density": Variable("kg m-3", "bulk density", dtype="float64"),
-    "youngs_modulus": Variable("Pa", "Young's modulus", dtype="float64"),
-    "pore_pressure_ratio": Variable("1", "pore pressure over total normal stress at the start", dtype="float64"),
-    "pore_pressure_ratio_low": Variable("1", "smallest pore pressure ratio at the start", dtype="float64"),
-    "pore_pressure_ratio_high": Variable("1", "largest pore pressure ratio at the start", dtype="float64"),
-    "pore_pressure_ratio_elsewhere": Variable("1", "pore pressure ratio at the start beyond all zones", dtype="float64"),
-    "pore_pressure_saturation": Variable("1", "share of the thickness of the release that stands in water", dtype="float64"),
-    "pore_pressure_diffusivity": Variable("m2 s-1", "diffusivity of pore pressure", dtype="float64"),
-    "pore_pressure_decay_time": Variable("s", "time in which excess pore pressure falls to 1/e", dtype="float64"),
-    "release_volume_factor": Variable("1", "factor on the thickness of the release", dtype="float64"),
-    "bed_depth_factor": Variable("1", "factor on the depth of the erodible bed", dtype="float64"),
-    "bed_density": Variable("kg m-3", "density of the erodible bed", dtype="float64"),
-    "bed_pore_pressure_ratio": Variable("1", "pore pressure over total normal stress in the erodible bed", dtype="float64"),
-    "discharge_factor": Variable("1", "factor on the discharge of the inflows", dtype="float64"),
-    "inflow_delay": Variable("s", "time that is added to the hydrographs of the inflows", dtype="float64"),
-    "bulking": Variable("1", "volume of the deposit over that of its mass", dtype="float64"),
+    "file": _text("name of the member's file in members/"),
+    "status": _text("valid, failed or missing"),
+    "failure_reason": _text("why the member failed"),
+    "basal_friction_angle_deg": _double("degree", "basal friction angle"),
+    "friction_angle_deg": _double("degree", "internal friction angle"),
+    "cohesion": _double("Pa", "cohesion"),
+    "density": _double("kg m-3", "bulk density"),
+    "youngs_modulus": _double("Pa", "Young's modulus"),
+    "pore_pressure_ratio": _double("1", "pore pressure over total normal stress at the start"),
+    "pore_pressure_ratio_low": _double("1", "smallest pore pressure ratio at the start"),
+    "pore_pressure_ratio_high": _double("1", "largest pore pressure ratio at the start"),
+    "pore_pressure_ratio_elsewhere": _double("1", "pore pressure ratio at the start beyond all zones"),
+    "pore_pressure_saturation": _double("1", "share of the thickness of the release that stands in water"),
+    "pore_pressure_diffusivity": _double("m2 s-1", "diffusivity of pore pressure"),
+    "pore_pressure_decay_time": _double("s", "time in which excess pore pressure falls to 1/e"),
+    "release_volume_factor": _double("1", "factor on the thickness of the release"),
+    "bed_depth_factor": _double("1", "factor on the depth of the erodible bed"),
+    "bed_density": _double("kg m-3", "density of the erodible bed"),
+    "bed_pore_pressure_ratio": _double("1", "pore pressure over total normal stress in the erodible bed"),
+    "discharge_factor": _double("1", "factor on the discharge of the inflows"),
+    "inflow_delay": _double("s", "time that is added to the hydrographs of the inflows"),
+    "bulking": _double("1", "volume of the deposit over that of its mass"),
 }
 
 _COORDINATES = {
     **{q.threshold: Variable(q.units, f"threshold of the {q.extreme}", dtype="float64") for q in ALL_QUANTITIES.values()},
     "joint": Variable("1", "number of the joint condition", dtype="int32"),
-    "joint_condition": Variable("", "joint condition in words", dtype="str"),
+    "joint_condition": _text("joint condition in words"),
     **{
         q.joint_threshold: Variable(
             q.units, f"threshold of the {q.extreme} in a joint condition", dtype="float64", comment="missing if it has none"
         )
         for q in ALL_QUANTITIES.values()
     },
-    "percentile": Variable("percent", "percentile over the members, by weight", dtype="float64"),
-    "class_return_period": Variable("year", "return period of the classes of intensity", dtype="float64"),
-    "return_period": Variable("year", "return period", dtype="float64"),
+    "percentile": _double("percent", "percentile over the members, by weight"),
+    "class_return_period": _double("year", "return period of the classes of intensity"),
+    "return_period": _double("year", "return period"),
     "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),
-    "time": Variable("s", "time since the release", dtype="float64"),
+    "time": _double("s", "time since the release"),
 }
 
 _LEDGER = {
-    "mass": _series("kg", "moving and resting mass inside the domain"),
-    "escaped_mass": _series("kg", "mass that left the domain"),
-    "entrained_mass": _series("kg", "mass that the flow took up from an erodible bed"),
-    "entrained_energy": _series("J", "energy of the mass taken up from the bed, where it lay"),
-    "entered_mass": _series("kg", "mass that entered after the start, of releases that start later and other sources"),
-    "entered_energy": _series("J", "energy of that mass where it entered, kinetic, potential and elastic"),
-    "waiting_mass": _series("kg", "mass of releases that have not started", comment="at the end: never released"),
-    "entrainment_dissipation": _series("J", "energy dissipated to bring mass of the bed to the speed of the flow"),
-    "kinetic_energy": _series("J", "kinetic energy"),
-    "potential_energy": _series("J", "potential energy above the local origin"),
-    "elastic_energy": _series("J", "elastic energy"),
-    "escaped_energy": _series("J", "energy of the mass that left the domain"),
-    "dissipation": _series("J", "energy dissipated at the ground, at structures and by plastic flow"),
-    "basal_dissipation": _series("J", "energy dissipated by friction at the ground"),
-    "structure_dissipation": _series("J", "energy dissipated by friction and impact at structures"),
-    "plastic_dissipation": _series("J", "energy dissipated by plastic flow"),
-    "numerical_dissipation": _series("J", "energy lost by the numerical scheme", "the remainder that closes the energy balance"),
-    "momentum_x": _series("kg m s-1", "momentum towards the east"),
-    "momentum_y": _series("kg m s-1", "momentum towards the north"),
-    "momentum_z": _series("kg m s-1", "momentum upwards"),
+    "mass": _double("kg", "moving and resting mass inside the domain"),
+    "escaped_mass": _double("kg", "mass that left the domain"),
+    "entrained_mass": _double("kg", "mass that the flow took up from an erodible bed"),
+    "entrained_energy": _double("J", "energy of the mass taken up from the bed, where it lay"),
+    "entered_mass": _double("kg", "mass that entered after the start, of releases that start later and other sources"),
+    "entered_energy": _double("J", "energy of that mass where it entered, kinetic, potential and elastic"),
+    "waiting_mass": _double("kg", "mass of releases that have not started", comment="at the end: never released"),
+    "entrainment_dissipation": _double("J", "energy dissipated to bring mass of the bed to the speed of the flow"),
+    "kinetic_energy": _double("J", "kinetic energy"),
+    "potential_energy": _double("J", "potential energy above the local origin"),
+    "elastic_energy": _double("J", "elastic energy"),
+    "escaped_energy": _double("J", "energy of the mass that left the domain"),
+    "dissipation": _double("J", "energy dissipated at the ground, at structures and by plastic flow"),
+    "basal_dissipation": _double("J", "energy dissipated by friction at the ground"),
+    "structure_dissipation": _double("J", "energy dissipated by friction and impact at structures"),
+    "plastic_dissipation": _double("J", "energy dissipated by plastic flow"),
+    "numerical_dissipation": _double("J", "energy lost by the numerical scheme", "the remainder that closes the energy balance"),
+    "momentum_x": _double("kg m s-1", "momentum towards the east"),
+    "momentum_y": _double("kg m s-1", "momentum towards the north"),
+    "momentum_z": _double("kg m s-1", "momentum upwards"),
     "active_blocks": Variable("1", "number of active blocks of the grid", dtype="int64", comment="4 x 4 x 4 nodes with particles"),
     "active_nodes": Variable("1", "number of nodes of the active blocks", dtype="int64"),
-    "sparsity": _series(
+    "sparsity": _double(
         "1", "nodes of the bounding box over active nodes", "of the smallest box of blocks that holds all active blocks"
     ),
     "memory": Variable(
@@ -343,16 +334,16 @@ _LEDGER = {
         comment="allocated by the backend, on the device if it has one; of all members that share a launch; depends on threads",
     ),
     "contact_particles": Variable("1", "number of particles in contact with the ground", dtype="int64"),
-    "dt": _series("s", "time step"),
+    "dt": _double("s", "time step"),
 }
 
 
 _AXES = {"east": "towards the east", "north": "towards the north", "up": "upwards"}
 _STRUCTURES = {
-    "structure_name": Variable("", "name of the structure", dtype="str"),
-    "facade_name": Variable("", "name of the facade", dtype="str"),
-    "facade_area": Variable("m2", "area of the facade above the ground", dtype="float64"),
-    "record_time": Variable("s", "end of the interval, since the release", dtype="float64"),
+    "structure_name": _text("name of the structure"),
+    "facade_name": _text("name of the facade"),
+    "facade_area": _double("m2", "area of the facade above the ground"),
+    "record_time": _double("s", "end of the interval, since the release"),
     **{f"facade_force_{axis}": Variable("N", f"force of the flow on the facade {way}") for axis, way in _AXES.items()},
     **{
         f"facade_moment_{axis}": Variable("N m", f"moment of the flow on the facade about the foot of the structure, axis {way}")
@@ -369,23 +360,13 @@ _STRUCTURES = {
     "facade_moment_at_percentile": _positive("N m", "percentile over the members of the maximum moment on the facade"),
     "facade_pressure_at_percentile": Variable("Pa", "percentile over the members of the maximum mean pressure on the facade"),
     "facade_high_pressure_at_percentile": Variable("Pa", "percentile over the members of the maximum 95 % pressure on the facade"),
-    "facade_pressure_probability": Variable(
-        "1",
-        "conditional probability that the maximum mean pressure on the facade reaches or exceeds the threshold",
-        valid_min=0.0,
-        valid_max=1.0,
-        comment=_FRACTION,
+    "facade_pressure_probability": _share(
+        "conditional probability that the maximum mean pressure on the facade reaches or exceeds the threshold", _FRACTION
     ),
-    "protected_area": Variable("", "area behind a dam", dtype="str"),
+    "protected_area": _text("area behind a dam"),
     "overtopping_volume": _positive("m3", "volume that lies in the protected area at the end"),
     "overtopping_volume_at_percentile": _positive("m3", "percentile over the members of the overtopping volume"),
-    "overtopping_probability": Variable(
-        "1",
-        "conditional probability that mass reaches the protected area and stays there",
-        valid_min=0.0,
-        valid_max=1.0,
-        comment=_FRACTION,
-    ),
+    "overtopping_probability": _share("conditional probability that mass reaches the protected area and stays there", _FRACTION),
 }
 
 
@@ -400,9 +381,7 @@ _PROBES = {
     "flow_width": _positive("m", "length of the cross-section that the flow covers", "at least as thick as the arrival threshold"),
     "largest_thickness": _positive("m", "largest flow thickness along the cross-section, vertical"),
     "max_discharge": _positive("m3 s-1", "maximum discharge through the cross-section", "mean over one interval of the series"),
-    "arrival_probability": Variable(
-        "1", "conditional probability that the flow arrives", valid_min=0.0, valid_max=1.0, comment=_FRACTION
-    ),
+    "arrival_probability": _share("conditional probability that the flow arrives", _FRACTION),
     "bed_elevation": Variable(
         "m", "elevation of the ground without the released mass", comment="the surface on which flow and deposit lie"
     ),
@@ -410,10 +389,10 @@ _PROBES = {
 }
 
 _STATIONS = {
-    "station_name": Variable("", "name", dtype="str"),
+    "station_name": _text("name"),
     "station_elevation": Variable("m", "ground elevation", "surface_altitude", dtype="float64"),
-    "section_length": Variable("m", "length of the cross-section in the plan", dtype="float64"),
-    "distance": Variable("m", "length along the line from its first vertex", dtype="float64"),
+    "section_length": _double("m", "length of the cross-section in the plan"),
+    "distance": _double("m", "length along the line from its first vertex"),
 }
 
 
