@@ -76,7 +76,7 @@ def write_structures(
 
 def _layers(solids: "Sequence[Solid]", dataset: "xr.Dataset", terrain: Terrain) -> dict[str, tuple[str, list[dict[str, Any]]]]:
     """Rows of the layers: outlines of structures, and lines of facades, each with its largest values."""
-    from runout.structures.outlines import facade_lines, footprint
+    from runout.structures.solid import facade_lines, footprint
 
     of_structure, facades = {solid.name: solid for solid in solids}, []
     for k, (owner, name) in enumerate(zip(dataset["structure_name"].values, dataset["facade_name"].values, strict=True)):

@@ -74,7 +74,7 @@ def _standing(site: "Site", terrain: "Terrain") -> list[Standing]:
     if not may_hold_bodies(site.settings):
         return standing
     from runout.structures.ground import elevation_at
-    from runout.structures.outlines import footprint
+    from runout.structures.solid import footprint
 
     for solid in site.files.bodies().solids:
         height = solid.vertices[:, 2] - elevation_at(terrain, solid.vertices)

@@ -10,10 +10,9 @@ from runout.structures import mesh_faults
 from runout.structures.build import build_structures
 from runout.structures.facades import mesh_facades
 from runout.structures.mesh_faults import crossings, volume
-from runout.structures.outlines import facade_lines, footprint
 from runout.structures.overhangs import overhang_bodies
 from runout.structures.pieces import cut_pieces
-from runout.structures.solid import Solid, normals_and_areas
+from runout.structures.solid import Solid, facade_lines, footprint, normals_and_areas
 from runout.terrain.mesh import Overhangs
 
 DIRECTIONS = {
