@@ -38,7 +38,7 @@ class Header:
         require_room(part.rows, part.columns, self.source, error)
         return part
 
-    def said(self, part: Part) -> tuple[str, ...]:
+    def sentences(self, part: Part) -> tuple[str, ...]:
         """Sentence that states the part that is read; empty if it is the whole raster."""
         if (part.rows, part.columns) == self.shape:
             return ()

@@ -23,7 +23,7 @@ class Overlaps:
     complete: bool  # False if there are too many pairs to examine all of them
     slivers: np.ndarray  # (m,) of bool: whether it is more than round-off and less than a sliver
 
-    def said_of_slivers(self, source: Path) -> tuple[str, ...]:
+    def sliver_sentences(self, source: Path) -> tuple[str, ...]:
         """A sentence on the slivers, if there are such."""
         if not self.slivers.any():
             return ()

@@ -287,7 +287,7 @@ def without_overlap(
                 f"{area:.6g} m2; cut one of them back so that every place has one {what}"
             )
     polygons = cut(layer.polygons, values, overlaps)
-    sentences = overlaps.said_of_slivers(layer.source)
+    sentences = overlaps.sliver_sentences(layer.source)
     if not counts.any():
         return polygons, sentences
     total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()

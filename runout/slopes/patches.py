@@ -44,7 +44,7 @@ class Suggestion:
     """Proposed releases, and how many cells each condition left."""
 
     patches: list[Patch]  # by rank: the largest product of probability and volume first
-    found: int  # number of releases before the limit on their number
+    proposed: int  # number of releases before the limit on their number
     # number of cells that meet each condition and those before it, and the option that sets it
     left: dict[str, tuple[int, str]] = field(default_factory=dict)
     too_large: int = 0  # number of these that need more memory than the machine has free, and that are left out

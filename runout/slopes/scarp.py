@@ -328,7 +328,7 @@ def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
         raise ConfigError(f"--name is {choices.name!r}; use letters, digits, - and _")
     place = read_place(path, out)
     terrain = place.terrain
-    release = _made(terrain, choices)
+    release = _scarp(terrain, choices)
     file = place.results / FOLDER / f"{choices.name}.tif"
     maps = map_dataset(terrain, {"release_thickness": release.thickness}, title=f"{place.name}: scarp {choices.name}")
     stored = maps["release_thickness"].values.astype(np.float64)
@@ -346,7 +346,7 @@ def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
     return ExitCode.OK
 
 
-def _made(terrain: "Terrain", choices: ScarpChoices) -> "Release":
+def _scarp(terrain: "Terrain", choices: ScarpChoices) -> "Release":
     if choices.ellipsoid is not None:
         east, north, along, across, depth = choices.ellipsoid
         return scarp_ellipsoid(

@@ -150,9 +150,9 @@ def _lines(stable: Stability, suggestion: Suggestion, place: Place, soil: Stabil
     if not suggestion.patches:
         yield f"no release is proposed: {_reason(stable, suggestion)}"
         return
-    more = f", the first {len(suggestion.patches)} are kept" if suggestion.found > len(suggestion.patches) else ""
+    more = f", the first {len(suggestion.patches)} are kept" if suggestion.proposed > len(suggestion.patches) else ""
     total = sum(patch.attributes["volume_m3"] for patch in suggestion.patches)
-    yield f"releases: {suggestion.found} proposed{more}, {total:.4g} m3"
+    yield f"releases: {suggestion.proposed} proposed{more}, {total:.4g} m3"
     for patch in suggestion.patches:
         a = patch.attributes
         yield (

@@ -46,10 +46,10 @@ def build_structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[f
     names = repr([(s.name, s.facades, s.friction) for s in solids]).encode()
     arrays = [array for s in solids for array in (s.vertices, s.faces, s.facade)]
     key = content_key(np.frombuffer(names, np.uint8), terrain.elevation, np.array([*terrain.cell_size, *spacing]), *arrays)
-    return STORE.get(key, lambda: _made(solids, terrain, spacing))
+    return STORE.get(key, lambda: _structures(solids, terrain, spacing))
 
 
-def _made(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float]) -> Structures:
+def _structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float]) -> Structures:
     lattice, band = min(spacing) / PER_CELL, BAND * max(spacing)
     pieces, surface = cut_pieces(solids, terrain, min(spacing))
     patches = joined_patches(pieces, spacing, np.array([s.friction for s in solids]))

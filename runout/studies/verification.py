@@ -34,7 +34,7 @@ from runout.studies.verification_cases import (
     wet_layers,
     zone_crossing,
 )
-from runout.studies.verification_cases.finding import Case, Finding, as_json, as_lines, kept
+from runout.studies.verification_cases.finding import Case, Finding, as_json, as_lines, finding_of
 from runout.studies.work_precision import commit
 
 LOGGER = logging.getLogger("runout.verification")
@@ -102,7 +102,7 @@ def _unfinished(record: Path, code: Mapping[str, Any]) -> dict[str, Finding]:
     same = {name: content.get(name) for name in code} == dict(code)
     if not same or len(content["cases"]) == len(code["cases_asked"]):
         return {}
-    return {case["name"]: kept(case, CASES[case["name"].lower()]) for case in content["cases"]}
+    return {case["name"]: finding_of(case, CASES[case["name"].lower()]) for case in content["cases"]}
 
 
 def run_plane(

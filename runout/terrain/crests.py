@@ -84,7 +84,7 @@ class Crests:
         return Crests(*(values[which] for values in vars(self).values()))
 
 
-def kept(surface: Surface, crests: Crests) -> Surface:
+def with_crests(surface: Surface, crests: Crests) -> Surface:
     """The surface with coefficients changed so that its crests and channels have the elevations of the raster.
 
     Each sweep adds to a coefficient the mean miss of the points around it (SIRT, Gilbert 1972), weighted by the squares of the

@@ -135,7 +135,7 @@ class NetcdfElevation:
         part = header.part(extent, DemError)
         unit = str(variable.attrs.get("units", "")) or None
         values, sentences = _valid(np.array(variable[part.slices].values, dtype=np.float64), variable, self.what, header.source)
-        raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.said(part))
+        raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.sentences(part))
         for sentence in (*self.sentences, *sentences):
             raster = raster.noted(sentence)
         if self.is_depth:

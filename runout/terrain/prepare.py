@@ -31,7 +31,7 @@ def terrain(raster: ElevationRaster) -> Terrain:
     raster = north_up(raster)
     raster = in_unit_of(without_marks(raster), ELEVATION)
     require_plausible(raster)
-    raster = with_pits_told(raster)
+    raster = with_pits_noted(raster)
     raster = on_metric_map(trimmed(raster))
     dx, dy = raster.cell
     if abs(dx - dy) > 1e-6 * dx:
@@ -97,7 +97,7 @@ def require_plausible(raster: ElevationRaster) -> None:
         raise DemError(f"{raster.source}: {int(absurd.sum())} elevations outside {LOWEST:g} to {HIGHEST:g} m, {place}; {remedy}")
 
 
-def with_pits_told(raster: ElevationRaster) -> ElevationRaster:
+def with_pits_noted(raster: ElevationRaster) -> ElevationRaster:
     """The raster; a remark counts the cells at exactly 0 m below cliffs on all sides, which often mark unknown ground."""
     zero = raster.values == 0.0
     if not zero.any():

@@ -82,7 +82,7 @@ def _cropped(raster: ElevationRaster, extent: Bounds | None) -> ElevationRaster:
     """The part of a raster that has been read already."""
     header = Header(raster.transform, raster.values.shape, raster.crs, raster.source)  # type: ignore[arg-type]
     part = header.part(extent, DemError)
-    changes = (*raster.changes, *header.said(part))
+    changes = (*raster.changes, *header.sentences(part))
     return replace(raster, values=raster.values[part.slices], transform=part.transform(raster.transform), changes=changes)
 
 

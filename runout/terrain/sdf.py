@@ -132,7 +132,7 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
     if not len(points.axis) and not edges.any():
         return NodalSurface(surface, grid)
     middle = corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2
-    own = crests.kept(Surface(raster.coefficients(box), sizes, middle), points).coefficients
+    own = crests.with_crests(Surface(raster.coefficients(box), sizes, middle), points).coefficients
     if raster.on_cells:
         surface.coefficients[cells] += stays * (own - surface.coefficients[cells])
         if not len(points.axis) or not needs_table(sizes, grid):
@@ -144,9 +144,9 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
     start, shape = (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
     filtered = surface.on_nodes(grid, start, shape)
     if raster.on_cells:
-        return NodalSurface(surface, grid, crests.kept(filtered, points).coefficients - filtered.coefficients, start)
+        return NodalSurface(surface, grid, crests.with_crests(filtered, points).coefficients - filtered.coefficients, start)
     raster.unfiltered.coefficients[cells] = own
-    nodes = crests.kept(raster.unfiltered.on_nodes(grid, start, shape), points)
+    nodes = crests.with_crests(raster.unfiltered.on_nodes(grid, start, shape), points)
     places = [(one + np.arange(count)) * h for one, count, h in zip(start, shape, grid, strict=True)]
     share = relief.between(stays, [place / size - one - 0.5 for place, size, one in zip(places, sizes, first, strict=True)])
     return NodalSurface(surface, grid, share * (nodes.coefficients - filtered.coefficients), start)

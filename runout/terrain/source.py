@@ -132,7 +132,7 @@ class GdalSource:
         for index in self.alpha:  # GDAL itself heeds transparency only where it is stored as whole numbers
             values[dataset.read(index, window=part.window) == 0] = np.nan
         place = part.transform(header.transform)
-        raster = ElevationRaster(values, place, header.crs, meaning.unit, header.source, header.said(part))
+        raster = ElevationRaster(values, place, header.crs, meaning.unit, header.source, header.sentences(part))
         if (meaning.scale, meaning.offset) != (1.0, 0.0):
             packing = f"the file stores packed numbers; {self.quantity.name} = {meaning.scale:g} x number + {meaning.offset:g}"
             return raster.scaled(meaning.scale, meaning.offset).noted(packing)

@@ -110,14 +110,14 @@ def as_json(findings: Sequence[Finding], full: bool) -> dict[str, Any]:
     return {"version": __version__, "full": full, "holds": all(f.holds for f in findings), "cases": [_case(f) for f in findings]}
 
 
-def kept(record: Mapping[str, Any], case: Case) -> Finding:
+def finding_of(record: Mapping[str, Any], case: Case) -> Finding:
     """Finding of a case from the result of :func:`as_json`."""
-    return Finding(case, tuple(_kept_result(r) for r in record["results"]), record["seconds"])
+    return Finding(case, tuple(_result_of(r) for r in record["results"]), record["seconds"])
 
 
 def recorded(content: Mapping[str, Any]) -> list[Finding]:
     """All findings of a record, with the recorded names and texts."""
-    return [kept(c, Case(c["name"], c["title"], c["setup"], lambda full: [], c["remark"])) for c in content["cases"]]
+    return [finding_of(c, Case(c["name"], c["title"], c["setup"], lambda full: [], c["remark"])) for c in content["cases"]]
 
 
 def _case(finding: Finding) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def _result(r: Result) -> dict[str, Any]:
     return {"quantity": r.quantity, "value": float(r.value), "low": low, "high": high, "holds": r.holds}
 
 
-def _kept_result(r: Mapping[str, Any]) -> Result:
+def _result_of(r: Mapping[str, Any]) -> Result:
     if "cells" in r:
         return Convergence(r["quantity"], tuple(r["cells"]), tuple(r["errors"]), r["declared_order"])
     high, low = (default if r[end] is None else r[end] for end, default in (("high", math.inf), ("low", -math.inf)))
