@@ -13,9 +13,8 @@ from runout.io.polygon_coverage import covered_area
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
-from runout.release.columns import THINNEST, Columns, column_thickness, local_outline
+from runout.release.columns import THINNEST, Columns, local_outline
 
-__all__ = ["Sampling", "column_thickness", "count_particles", "particles_per_axis", "require_apart"]
 CELLS_ACROSS = 4  # width of a release in grid cells that messages propose
 WITHIN = 1e-3  # distance from the edge of a raster cell, as a share of its size
 

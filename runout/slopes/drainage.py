@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LOGGER = logging.getLogger(__name__)
 INSTALL = "pip install 'runout[slopes]'"
 LARGEST_GRID = 4_000_000  # cells; drainage takes 10 s of processor time and 1.3 GB of memory per million
-CORE, OPEN, CLOSED = 0, 1, 4  # status of a node in landlab
+OPEN, CLOSED = 1, 4  # status of a node in landlab
 ELEVATION = "topographic__elevation"
 
 

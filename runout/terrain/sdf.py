@@ -32,7 +32,7 @@ def sliding_surface(
 
     That of :func:`raster_surface`. Dams, gullies and cliffs that stand out of the roughness around them have the elevations of the
     raster where the ``mass`` may come; without a mass, everywhere (:mod:`runout.terrain.crests`). Elsewhere, and on rasters beyond
-    :data:`runout.terrain.crests.LARGEST` cells far from the mass, they are filtered as the rest; the surface has no step
+    :data:`runout.terrain.crests.LARGEST_WINDOW` cells far from the mass, they are filtered as the rest; the surface has no step
     there. On nodes so close together that :func:`runout.terrain.crests.needs_table` is false, the crests are those of the
     raster's lattice, true to 3 %. Contact, releases and maps of the ground take the same surface; the last few are kept by their
     content (:mod:`runout.terrain.content_store`). Other parameters and errors are those of :func:`raster_surface`.

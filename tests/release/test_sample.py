@@ -16,8 +16,8 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
-from runout.release.columns import Columns
-from runout.release.sample import column_thickness, particles_per_axis
+from runout.release.columns import Columns, column_thickness
+from runout.release.sample import particles_per_axis
 
 TRIANGLE = shapely.Polygon([(31.3, 22.7), (131.3, 22.7), (72.9, 122.7)])
 RING = shapely.box(40.0, 40.0, 140.0, 120.0).difference(shapely.box(61.7, 58.3, 99.1, 101.9))
