@@ -68,7 +68,7 @@ def test_ground_that_failed_is_made_anew_and_old_ones_are_forgotten(made, monkey
         raise MemoryError
 
     with monkeypatch.context() as broken:
-        broken.setattr(crests, "kept", full)
+        broken.setattr(crests, "with_crests", full)
         with pytest.raises(MemoryError):
             sdf.sliding_surface(terrain(), None, (2.0, 2.0))
     first = sdf.sliding_surface(terrain(), None, (2.0, 2.0))

@@ -6,7 +6,7 @@ import pytest
 from runout import Terrain
 from runout.model.surface import Surface
 from runout.terrain import sdf
-from runout.terrain.crests import Crests, kept
+from runout.terrain.crests import Crests, with_crests
 
 HEIGHT, SIZE, SPAN = 5.0, 64.0, 12.0
 AZIMUTHS = (0.0, 20.0, 26.565, 45.0, 71.0)
@@ -109,7 +109,7 @@ def test_ground_without_crests_and_smooth_crests_stay_as_they_are():
     hills, step = 20 * np.sin(x / 25)[:, None] * np.cos(x / 30), np.where(x[:, None] > 90, 0.0, 30.0) + 0 * x
     for z in (0.4 * x[:, None] - 0.2 * x, hills, step):
         surface = Surface.through(z, (5.0, 5.0))
-        np.testing.assert_array_equal(kept(surface, Crests.of(z, (5.0, 5.0), 5.0)).coefficients, surface.coefficients)
+        np.testing.assert_array_equal(with_crests(surface, Crests.of(z, (5.0, 5.0), 5.0)).coefficients, surface.coefficients)
 
 
 def test_noise_beside_a_cliff_makes_no_lip_and_no_moat():
