@@ -16,8 +16,8 @@ from runout.hazard.frequency import Frequencies, shares
 from runout.io import netcdf
 from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_dataset
+from runout.io.map_layers import add_layers, put, whole_chunks
 from runout.io.member_maps import BED_MAPS, MEMBER_MAPS, MemberMaps
-from runout.io.netcdf import add_layers, put, whole_chunks
 from runout.model.terrain import Terrain
 from runout.quantities import CHANGE
 from runout.variables import VARIABLES

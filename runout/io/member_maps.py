@@ -6,31 +6,25 @@ found where no record tells of the file. HDF5 itself finds damage of compressed 
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.io.netcdf import LOCK
-
-if TYPE_CHECKING:
-    import netCDF4
-
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING
-
 from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.grid import crs_as_variable, grid_dataset
+from runout.io.netcdf import LOCK
 from runout.io.window import NEVER_BELOW, Part
 from runout.model.terrain import Terrain
 from runout.quantities import WITHOUT_VALUE, bed_map_names, member_map_names
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
+    import netCDF4
     import pandas as pd
     import xarray as xr
 

@@ -1,34 +1,26 @@
 """Reads and writes NetCDF: CF-1.11, north up for GIS, with metadata from the table of variables.
 
-Only chunks of a map that hold anything are stored, so that a file follows the flow and not its raster. Global attributes are those
-of ACDD 1.3.
+Global attributes are those of ACDD 1.3; unknown ones are left out.
 """
-
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
-from runout.quantities import UNTIL_ARRIVAL
-from runout.variables import VARIABLES
-
-if TYPE_CHECKING:
-    import netCDF4
 
 import logging
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from runout import __version__
 from runout.errors import DiskFullError, StorageError
 from runout.io.atomic import storage_error, whole_file
 from runout.io.grid import crs_as_variable, extent_attributes, grid_dataset
+from runout.io.map_layers import CHUNK, add_layers, put
 from runout.model.terrain import Terrain
+from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,8 +41,6 @@ _NAMES = {  # keys of `metadata` in site.yaml -> attributes
     "references": "references",
     "acknowledgement": "acknowledgement",
 }
-CHUNK = 256
-WRITE_CACHE = 8 * CHUNK**2  # bytes of each map; a chunk is written once, and the library would keep 64 MiB
 
 
 def map_dataset(
@@ -285,56 +275,3 @@ def vertical_attributes(terrain: Terrain) -> dict[str, Any]:
         "geospatial_vertical_units": "m",
         "geospatial_vertical_positive": "up",
     }
-
-
-def add_layers(file: "netCDF4.Dataset", name: str, attributes: Mapping[str, Any], dims: tuple[str, ...] = ()) -> "netCDF4.Variable":
-    r"""New variable (\*dims, y, x) for maps of that name, by the table of variables; its cells are 0, or missing before an arrival.
-
-    The value that HDF5 returns for chunks that were never written is the one just named. The attribute ``_FillValue``, which marks
-    missing values in all netCDF libraries, is another one; the library sets both together, and only a rename parts them.
-    """
-    variable = VARIABLES[name]
-    sizes = [len(file.dimensions[dim]) for dim in ("y", "x")]
-    chunks = (*(1 for _ in dims), *(min(CHUNK, size) for size in sizes))
-    dtype, missing = np.dtype(variable.dtype), variable.fill
-    layers = file.createVariable(
-        name, dtype, (*dims, "y", "x"), fill_value=dtype.type(missing if name in UNTIL_ARRIVAL else 0),
-        zlib=True, complevel=1, shuffle=True, chunksizes=chunks, chunk_cache=WRITE_CACHE,
-    )  # fmt: skip
-    layers.set_auto_maskandscale(False)
-    if name not in UNTIL_ARRIVAL:
-        layers.renameAttribute("_FillValue", "unwritten")
-        layers.setncattr("missing", dtype.type(missing))
-        layers.renameAttribute("missing", "_FillValue")
-        layers.delncattr("unwritten")
-    layers.setncatts(dict(attributes))
-    return layers
-
-
-def put(layers: "netCDF4.Variable", values: np.ndarray, index: tuple[int, ...] = (), at: tuple[int, int] = (0, 0)) -> None:
-    """Write the chunks of a map (rows, columns), NaN where it has no value, that differ from what is read without them.
-
-    Parameters
-    ----------
-    index : tuple of int
-        Place along the dimensions before y and x.
-    at : tuple of int
-        Row and column of the first value; multiples of a chunk.
-    """
-    missing = layers.dtype.type(VARIABLES[layers.name].fill)
-    unwritten = missing if layers.name in UNTIL_ARRIVAL else layers.dtype.type(0)
-    bits = f"u{layers.dtype.itemsize}"  # by which -0.0 differs from 0.0
-    for row in range(0, values.shape[0], CHUNK):
-        for column in range(0, values.shape[1], CHUNK):
-            cells = values[row : row + CHUNK, column : column + CHUNK]
-            if cells.dtype.kind == "f":
-                cells = np.where(np.isnan(cells), missing, cells)
-            cells = cells.astype(layers.dtype, order="C", copy=False)
-            if (cells.view(bits) != unwritten.view(bits)).any():
-                top, left = at[0] + row, at[1] + column
-                layers[(*index, slice(top, top + cells.shape[0]), slice(left, left + cells.shape[1]))] = cells
-
-
-def whole_chunks(span: slice, size: int) -> slice:
-    """Places along an axis of ``size`` cells from the beginning of the first chunk of ``span`` to the end of its last one."""
-    return slice(span.start // CHUNK * CHUNK, min(-(-span.stop // CHUNK) * CHUNK, size))

@@ -5,6 +5,7 @@ Grids of landlab have row 0 in the south; unknown cells are closed, cells beside
 
 import logging
 import warnings
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,12 +13,6 @@ import numpy as np
 from runout.errors import LibraryError
 from runout.terrain.averaging import block_means
 from runout.terrain.fill import filled
-
-if TYPE_CHECKING:
-    from runout.model.terrain import Terrain
-
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from runout.model.terrain import Terrain

@@ -1,17 +1,11 @@
 """Closed sinks of an elevation raster, the main flow paths, and both in numbers."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from runout.slopes.drainage import Drainage
-
-from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from runout.io.vector import outline
 

@@ -1,35 +1,17 @@
 """Command ``runout suggest-release``: what the terrain hides, where it may fail, and release polygons, as files and as a page."""
 
+import logging
 import math
+import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout import __version__
-from runout.palettes import palette_of
-from runout.report.html import render
-from runout.report.maps import Basemap
-from runout.report.marks import Mark
-from runout.report.values import STYLES, MapStyle
-from runout.report.vector_map import VectorMaps
-from runout.report.wording import number, quantity
-from runout.slopes.infinite_slope import LARGEST_FACTOR
-from runout.slopes.sinks import LISTED
-
-if TYPE_CHECKING:
-    from runout.model.terrain import Terrain
-    from runout.slopes.patches import Patch
-    from runout.slopes.sinks import Sink, TerrainFigures
-
-import logging
-import os
-import time
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from runout import log
+from runout import __version__, log
 from runout.config.stability import StabilitySettings
 from runout.errors import ExitCode
 from runout.forecast.accuracy import FEWEST_MEASURED
@@ -41,14 +23,21 @@ from runout.io.netcdf import map_dataset
 from runout.io.netcdf import write as write_netcdf
 from runout.io.vector import write_layers
 from runout.model.limits import PARTICLES_PER_CELL
+from runout.palettes import palette_of
+from runout.report.html import render
+from runout.report.maps import Basemap
+from runout.report.marks import Mark
+from runout.report.values import STYLES, MapStyle
+from runout.report.vector_map import VectorMaps
+from runout.report.wording import number, quantity
 from runout.scores.slope_normal import terrain_slope
 from runout.slopes.choices import PatchChoices, Strength
 from runout.slopes.drainage import Drainage, drainage, landlab_components, manageable
-from runout.slopes.infinite_slope import Stability, assumptions, resolved, stability
+from runout.slopes.infinite_slope import LARGEST_FACTOR, Stability, assumptions, resolved, stability
 from runout.slopes.infinite_slope import record as record_of
-from runout.slopes.patches import Suggestion, fits_memory, suggest
+from runout.slopes.patches import Patch, Suggestion, fits_memory, suggest
 from runout.slopes.place import Place, read_place
-from runout.slopes.sinks import TerrainFigures, terrain_figures
+from runout.slopes.sinks import LISTED, Sink, TerrainFigures, terrain_figures
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -265,8 +254,8 @@ def slopes_page(
     name: str,
     terrain: "Terrain",
     maps: Mapping[str, np.ndarray],
-    figures: "TerrainFigures",
-    patches: "Sequence[Patch]",
+    figures: TerrainFigures,
+    patches: Sequence[Patch],
     lines: Sequence[str],
 ) -> str:
     """HTML text of one self-contained page; ``maps`` are those of the NetCDF file by name."""
@@ -292,7 +281,7 @@ def slopes_page(
     )
 
 
-def _patch_cells(patch: "Patch") -> list[str]:
+def _patch_cells(patch: Patch) -> list[str]:
     a = patch.attributes
     return [
         f"{a['rank']:g}",
@@ -305,12 +294,12 @@ def _patch_cells(patch: "Patch") -> list[str]:
     ]
 
 
-def _sink_cells(sink: "Sink") -> list[str]:
+def _sink_cells(sink: Sink) -> list[str]:
     place = f"{sink.easting:.0f}, {sink.northing:.0f}"
     return [place, quantity(sink.depth, "m"), quantity(sink.area, "m2"), quantity(sink.volume, "m3")]
 
 
-def basemap(terrain: "Terrain", patches: "Sequence[Patch]" = (), sinks: "Sequence[Sink]" = ()) -> tuple[Basemap, int]:
+def basemap(terrain: "Terrain", patches: Sequence[Patch] = (), sinks: Sequence[Sink] = ()) -> tuple[Basemap, int]:
     """Ground and outlines under the maps, and the step by which rows and columns are thinned out."""
     step = max(1, math.ceil(math.sqrt(terrain.elevation.size / MOST_CELLS)))
     ground = terrain.easting[::step], terrain.northing[::step], terrain.elevation[::step, ::step]

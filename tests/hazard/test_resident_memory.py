@@ -10,8 +10,8 @@ import pytest
 from synthetic_ensemble import make_terrain, peaks_of, write_member
 
 from runout.io import netcdf
+from runout.io.map_layers import WRITE_CACHE, add_layers
 from runout.io.member_maps import READ_CACHE, MemberMaps
-from runout.io.netcdf import WRITE_CACHE, add_layers
 from runout.model.terrain import Terrain
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="memory as Linux states it")
