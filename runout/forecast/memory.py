@@ -160,9 +160,9 @@ def expected_extent(
     number = sum(_particles(release, spacing, per_axis) for release in releases)
     columns = [_columns(release, surface, spacing) for release in releases]
     low, high = (np.concatenate([c[k] for c in columns]) for k in (0, 1))
-    held = _blocks(low, high, (0,), 0)
+    occupied = _blocks(low, high, (0,), 0)
     owners = _blocks(low, high, *REACH)
-    kinds = held, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
+    kinds = occupied, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
     extent = Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
     return replace(extent, wet=len(releases)) if any(release.pore_pressure for release in releases) else extent
 

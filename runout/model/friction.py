@@ -140,11 +140,11 @@ class FrictionZones:
         is_coefficient = name in law.friction.coefficients
         factor, own = (self.factor, self.coefficient) if is_coefficient else (np.ones_like(self.factor), np.zeros_like(self.factor))
         if name in self.replaced:
-            kept, mine = self.replaced[name]
-            factor, own = np.maximum(factor + (kept - 1.0), 0.0), own + mine
+            share, value = self.replaced[name]
+            factor, own = np.maximum(factor + (share - 1.0), 0.0), own + value
         if name in self.gridded:
-            kept, mine = self.gridded[name]
-            factor, own = factor * kept, factor * mine + own
+            share, value = self.gridded[name]
+            factor, own = factor * share, factor * value + own
         return factor, own
 
     def kinds(self, *laws: FrictionLaw) -> Kinds:

@@ -236,13 +236,13 @@ class TransferLoss:
         before = self._engine.ledger().kinetic_energy
         self._engine.step(dt, substeps)
         after, mass, begin = self._engine.ledger(), self._mass, self._given
-        given = 0.5 * float(mass @ (begin**2).sum(axis=1))
+        energy_on_nodes = 0.5 * float(mass @ (begin**2).sum(axis=1))
         ground = 0.0
         for pushed, end in self._pushed:
             ground -= 0.5 * float((mass[:, None] * (end - pushed) * (begin + end)).sum())
             begin = end
-        taken = 0.5 * float(mass @ (begin**2).sum(axis=1))
-        lost = before - given + taken - after.kinetic_energy - after.escaped_energy
+        energy_left = 0.5 * float(mass @ (begin**2).sum(axis=1))
+        lost = before - energy_on_nodes + energy_left - after.kinetic_energy - after.escaped_energy
         return lost / (substeps * dt), (ground - after.basal_dissipation) / (substeps * dt)
 
     def _look(self, stencils: Any, mass: np.ndarray, velocity: np.ndarray) -> None:
