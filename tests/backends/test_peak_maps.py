@@ -172,12 +172,12 @@ def test_all_backends_find_the_maps_of_the_reference(backend):
         np.testing.assert_allclose(found[0][name], expected, rtol=0, atol=1e-6 * np.nanmax(expected), err_msg=name)
 
 
-def assert_same_columns(found, expected, where):
+def assert_same_columns(found, expected, where, tolerance=1e-9):
     """Equal mass and momentum over the whole, whichever window each has."""
     for name in ("mass", "momentum"):
         whole = np.zeros((2, 70, 110, *getattr(expected, name).shape[2:]))
         whole[0][found.window], whole[1][expected.window] = getattr(found, name), getattr(expected, name)
-        np.testing.assert_allclose(whole[0], whole[1], rtol=0, atol=1e-9 * whole.max(), err_msg=f"{name} {where}")
+        np.testing.assert_allclose(whole[0], whole[1], rtol=0, atol=tolerance * whole.max(), err_msg=f"{name} {where}")
 
 
 @pytest.mark.parametrize("raster", [FINE.raster, Raster(24, 40, (5.0, 5.0))], ids=["lattice", "raster"])
@@ -213,4 +213,4 @@ def test_window_of_a_look_holds_the_mass_that_moved_while_nobody_looked(raster):
         engine.steps(0.06, 5, looks, lambda step, columns: found.update({step: columns}))
     fresh = engine.lattice_columns()
     assert found[5].mass.sum() == pytest.approx(particles.mass.sum(), rel=1e-12)
-    assert_same_columns(found[5], fresh, "in the last look")
+    assert_same_columns(found[5], fresh, "in the last look", tolerance=0.0)  # the window of the look is wider
