@@ -250,13 +250,16 @@ class LaunchedSums:
             groups = parts.status.group, parts.store.group, parts.index.block_group, parts.scenes.group
             run(parts.k.add_columns, parts.store.size, *groups, windows, scales, raster)
             run(parts.k.note_step, many, parts.scenes.group, raster)
-        self.buffers, self.spread = parts.buffers, None
+        self.buffers = parts.buffers
+        self.spread: SpreadSums | None = None
         self.scenes, self.accounts = parts.scenes.scenes, accounts
         if begin and spreads_on(raster.device):
             units = {n: self.scales[n, 1:4] for n in covered}
             volumes = {n: accounts[n].particle_volume for n in covered}
-            self.spread = SpreadSums(parts, covered, units, volumes, raster[:begin])
-        sums = self.spread.spread.view(wp.int64) if self.spread else raster
+            self.spread = SpreadSums(covered)
+            sums = self.spread.launch(parts, units, volumes, raster[:begin]).view(wp.int64)
+        else:
+            sums = raster
         self.size = len(sums) if self.spread else begin
         self.numbers = parts.buffers.lend(self.size + many, raster.device.is_cuda)
         if begin:

@@ -22,6 +22,7 @@ import warp as wp
 
 from runout.backends import footprints
 from runout.backends.hash.layout import Doubles, Doubles2, Longs, Table2, run
+from runout.backends.hash.limits import require_index
 from runout.backends.hash.parts import Parts
 from runout.physics.numerical_scales import covered_part as covered_part64
 from runout.physics.numerical_scales import flowing_part as flowing_part64
@@ -153,48 +154,46 @@ def spread_columns(
 
 
 class SpreadSums:
-    """Launches the spreading of sums over windows of lattices; nothing waits.
+    """Spreads sums over windows of lattices; nothing waits.
 
     Parameters
     ----------
-    parts : Parts
-        Of the batch, for its kernels.
     lattices : mapping of int to Lattice
         Windows by scene.
-    units : mapping of int to (3,)
-        Whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)], by scene.
-    volumes : mapping of int to float
-        Mean volume of a particle [m3], by scene.
-    raster : (5 cells,) int64
-        The sums, windows one behind the other.
 
     Attributes
     ----------
     values : (5, cells)
         The sums [m3], [kg m/s], [kg], on the device.
-    spread : (6 cells,)
-        The same over their footprints, and the volume that flows, window by window.
     """
 
-    def __init__(
-        self, parts: Parts, lattices: Mapping[int, footprints.Lattice], units: Mapping[int, np.ndarray],
-        volumes: Mapping[int, float], raster: wp.array,
-    ):  # fmt: skip
-        sizes = [lattice.shape[0] * lattice.shape[1] for lattice in lattices.values()]
-        self.first = dict(zip(lattices, np.cumsum([0, *sizes]).tolist(), strict=False))
-        self.lattices, cells, k = lattices, sum(sizes), parts.k
-        windows = wp.array(np.array([(self.first[n], *lattices[n].shape) for n in lattices], np.int32), dtype=wp.int32)
+    def __init__(self, lattices: Mapping[int, footprints.Lattice]):
+        self.sizes = [lattice.shape[0] * lattice.shape[1] for lattice in lattices.values()]
+        self.cells, self.lattices = sum(self.sizes), lattices
+        self.first = dict(zip(lattices, np.cumsum([0, *self.sizes]).tolist(), strict=False))
+        require_index((LANES + 1) * self.cells, "columns of maps")
+        self.values = wp.empty((LANES, self.cells), dtype=wp.float64)
+
+    def launch(self, parts: Parts, units: Mapping[int, np.ndarray], volumes: Mapping[int, float], raster: wp.array) -> wp.array:
+        """Launch the spreading of whole numbers ``raster`` (5 cells,); returns the columns (6 cells,), window by window.
+
+        ``units`` (3,) are the whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)] of a scene,
+        ``volumes`` the mean volume of its particles [m3].
+        """
+        k, cells = parts.k, self.cells
+        places = [(self.first[n], *lattice.shape) for n, lattice in self.lattices.items()]
         sharing = [(s, *areas) for s, areas in zip(footprints.SHARING, footprints.AREAS, strict=True)]
-        rows = [(*units[n], volumes[n] / footprints.HALVES**2, *sharing[0], *sharing[1]) for n in lattices]
-        numbers, size = wp.array(np.array(rows), dtype=wp.float64), (len(sizes), max(sizes))
-        self.values, parted = (wp.empty((lanes, cells), dtype=wp.float64) for lanes in (LANES, 3))
-        covered, flowing = wp.empty((1, cells), dtype=wp.float64), wp.empty(cells, dtype=wp.float64)
-        self.spread = wp.empty((LANES + 1) * cells, dtype=wp.float64)
+        rows = [(*units[n], volumes[n] / footprints.HALVES**2, *sharing[0], *sharing[1]) for n in self.lattices]
+        windows, numbers = wp.array(np.array(places, np.int32), dtype=wp.int32), wp.array(np.array(rows), dtype=wp.float64)
+        scales, covered = (wp.empty((lanes, cells), dtype=wp.float64) for lanes in (3, 1))
+        flowing, spread = (wp.empty(lanes * cells, dtype=wp.float64) for lanes in (1, LANES + 1))
+        size = len(self.sizes), max(self.sizes)
         run(k.scale_columns, size, windows, numbers, raster, self.values)
-        run(k.find_flowing, size, windows, numbers, self.values, parted, flowing)
-        run(k.find_covered, size, windows, numbers, parted, covered)
-        run(k.find_scales, size, windows, numbers, self.values, covered, parted)
-        run(k.spread_columns, size, windows, self.values, covered, parted, flowing, LANES, self.spread)
+        run(k.find_flowing, size, windows, numbers, self.values, scales, flowing)
+        run(k.find_covered, size, windows, numbers, scales, covered)
+        run(k.find_scales, size, windows, numbers, self.values, covered, scales)
+        run(k.spread_columns, size, windows, self.values, covered, scales, flowing, LANES, spread)
+        return spread
 
     def of(self, scene: int, numbers: np.ndarray) -> np.ndarray:
         """Columns (6, rows, columns) of a scene, a view of all ``numbers`` (6 cells,) on the host."""
