@@ -1,6 +1,6 @@
 """Error against wall time on a device: flows on real terrain by cell size.
 
-    RUNOUT_DATA=DIR python tests/benchmarks/gpu_error.py --device cuda:0 --out gpu_error.json [--sites jacksboro]
+    RUNOUT_DATA=DIR python tests/benchmarks/gpu_error.py --device cuda:0 --out gpu_error.json [--sites SITE]
 
 Every run is made twice and the second one counts, so that nothing is compiled in it. Relative L1 of the map of largest thickness from
 that of the finest grid, seconds of the whole simulation with observers but without its setup. Single precision.
