@@ -29,6 +29,10 @@ The benchmarks of the published sparse method ({source}) with `runout`. Backends
   both over their volume; *of blocks*: blocks of the dense grid over those of the sparse one, which also holds their neighbours.
 - *Dense*: the same kernels over all blocks of the box. Its time has no index and, on a GPU, no sort; the time of the sparse grid
   has both. One thread on the CPU.
+- *Published code on one card*: 10⁹ particle-steps a second on {code_run}. Measured once, not by the
+  commands below.
+- *Dense control of the site*: substeps from the start of the run, over all blocks of the box of the whole flow; both take turns and
+  sort as in a run.
 - *Site*: **synthetic**. A flank falls {drop:g} m over {length:g} m into a valley; {volume:g} Mm³, eight particles per cell,
   internal friction 30°, basal friction {angle:g}°, up to {end:g} s. One thread on the CPU (processor time); wall time on the GPU.
 - *Memory*: *backend*: arrays of particles, blocks and index. *Card*: all that the driver counts, with context and kernels. *Host*:
@@ -71,6 +75,7 @@ def page(records: Sequence[Record]) -> StudyPage:
         volume=site.VOLUME / 1e6,
         angle=site.BASAL_ANGLE,
         end=site.END_TIME,
+        code_run=published.CODE_RUN,
         limits=markdown(("what", "why"), published.NOT_COMPARABLE),
         record="\n".join((*map(_provenance, records), *_missing(records))),
     )
@@ -83,6 +88,8 @@ def tables(records: Sequence[Record]) -> list[tuple[str, str]]:
         (title, markdown(heads, rows))
         for title, heads, rows in (
             ("Beside the published figures", ("quantity", "published", "ours", "device"), list(_beside(records))),
+            ("Published code on one card", ("particles", "published, float64 [10⁹/s]", "runout, float64", "runout, float32",
+             "ratio, float64", "ratio, float32"), list(map(_code, published.CODE_ON_ONE_CARD))),
             ("Sliding box", ("slope", "cell [m]", "rigid block [m]", "box [m]", "error", "speed beyond the block's [m/s]"),
              [_slide(r) for r in _rows(records, "slides")]),
             ("Collapsing columns", ("internal friction", "cells in the length", "run-out over length", "laws of experiments"),
@@ -91,6 +98,9 @@ def tables(records: Sequence[Record]) -> list[tuple[str, str]]:
              "memory, dense / sparse"), [_rung(device(x), r) for x in records for r in x.get("ladder", ())]),
             ("Synthetic site: cost", ("device", "cell [m]", "particles", "published", "steps", "time [s]", "backend [GiB]",
              "card [GiB]", "host [GiB]"), [_cost(device(x), r) for x in records for r in x.get("site", ())]),
+            ("Synthetic site: dense control", ("cell [m]", "blocks, sparse", "blocks, dense", "sparse [ms]", "dense [ms]",
+             "time, dense / sparse", "memory, dense / sparse"),
+             [_control(r) for r in _rows(records, "site") if "dense_seconds" in r]),
             ("Synthetic site: blocks and run-out", ("device", "cell [m]", "blocks", "nodes", "sparsity", "run-out [m]",
              "deposit [m]", "stopped"), [_flow(device(x), r) for x in records for r in x.get("site", ())]),
             ("Synthetic site: forecast of the memory on a GPU", ("cell [m]", "particles", "published", "nodes", "device [GiB]",
@@ -169,6 +179,21 @@ def _cost(place: str, r: Record) -> tuple[str, ...]:
     return (
         place, f"{r['cell']:g}", f"{r['particles']:,}", f"{theirs:,.0f}" if theirs else "", f"{r['steps']:,}",
         f"{r['seconds']:.3g}", _gib(r["backend_bytes"]), card, _gib(r["host_bytes"]),
+    )  # fmt: skip
+
+
+def _code(row: tuple[float, float, float, float]) -> tuple[str, ...]:
+    """Throughput of the published code and of ours on the same card, and the ratios."""
+    particles, theirs, *ours = row
+    return f"{particles / 1e6:.3g} M", f"{theirs:g}", *(f"{v:.2f}" for v in ours), *(f"{v / theirs:.1f}" for v in ours)
+
+
+def _control(r: Record) -> tuple[str, ...]:
+    """A substep of the site on the sparse and on the dense grid."""
+    times = [1e3 * r[f"{index}_seconds"] for index in ("sparse", "dense")]
+    return (
+        f"{r['cell']:g}", f"{r['sparse_blocks']:,}", f"{r['dense_blocks']:,}", *(f"{t:.3f}" for t in times),
+        f"{times[1] / times[0]:.1f}", f"{r['dense_bytes'] / r['sparse_bytes']:.1f}",
     )  # fmt: skip
 
 

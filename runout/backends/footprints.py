@@ -13,7 +13,7 @@ Single particles, fewer than share the extent, are mass at a place, not a thickn
 
 import inspect
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -126,14 +126,24 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     ``sums`` (lanes, rows, columns) on the lattice, rows from the south, of particles of the mean volume [m3]: volume, momentum
     (3), and mass unless all have one ``density`` [kg/m3].
     """
-    lanes, count = len(sums), lattice_shape(raster, lattice.cell)
-    total = np.empty((lanes + 1, *sums.shape[1:]))
+    total = np.empty((len(sums) + 1, *sums.shape[1:]))
     loop("spread_bands", sums.size, sums, particle_volume / HALVES**2, SHARING, AREAS, total)
-    (north, east, total), (row, column, boxes) = (_inside(values, lattice.first, count) for values in (total, sums))
+    return placed(total, lambda: sums, lattice, raster, density)
+
+
+def placed(
+    total: np.ndarray, boxes: Callable[[], np.ndarray], lattice: Lattice, raster: Raster, density: float = 0.0
+) -> RasterSums:
+    """Columns over the cells of the lattice that lie on the raster, from sums that have been spread.
+
+    ``total`` (lanes + 1, rows, columns) are the lanes of :func:`spread` over their footprints, and the volume that flows; ``boxes``
+    gives the lanes before. Both change: what lies beyond the raster is mirrored.
+    """
+    lanes, count = len(total) - 1, lattice_shape(raster, lattice.cell)
+    north, east, total = _inside(total, lattice.first, count)
     mass = total[4] if lanes > 4 else density * total[0]
-    return RasterSums(
-        total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], BoxSums(boxes, row, column, density)
-    )
+    inside = BoxSums(lambda: _inside(boxes(), lattice.first, count)[2], north, east, density)
+    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], inside)
 
 
 def around_nodes(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> NodeSums:

@@ -4,6 +4,7 @@ import ctypes
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -60,10 +61,15 @@ def box_blocks(coordinates: np.ndarray) -> int:
 class BoxSums:
     """Sums over particles, each a box of one grid cell in plan, on cells of the lattice of :mod:`runout.backends.footprints`."""
 
-    sums: np.ndarray  # (4 or 5, rows, columns): volume [m3], momentum (3) [kg m/s] and, unless all have one ``density``, mass [kg]
+    source: np.ndarray | Callable[[], np.ndarray]  # of the sums; a function is called once, if they are asked for
     row: int  # first row, from the south, and column of the window
     column: int
     density: float  # [kg/m3]
+
+    @cached_property
+    def sums(self) -> np.ndarray:
+        """Volume [m3], momentum (3) [kg m/s] and, unless all have one ``density``, mass [kg]: (4 or 5, rows, columns)."""
+        return self.source() if callable(self.source) else self.source
 
     @property
     def mass(self) -> np.ndarray:

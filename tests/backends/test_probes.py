@@ -158,7 +158,8 @@ def test_a_scenario_of_a_batch_has_the_series_of_its_own_run():
     assert alone.cross_sections["passed_volume"].max() > 0.0
     for kind in ("points", "cross_sections", "peaks", "section_peaks"):
         for name, values in getattr(alone, kind).items():
-            np.testing.assert_array_equal(getattr(found.probes, kind)[name], values, err_msg=name)
+            tolerance = 0.0 if HASH_DEVICE == "cpu" else 1e-9  # a GPU adds in no fixed order
+            np.testing.assert_allclose(getattr(found.probes, kind)[name], values, tolerance, err_msg=name)
 
 
 def test_all_problems_of_probes_are_named_at_once():

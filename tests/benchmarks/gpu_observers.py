@@ -33,7 +33,7 @@ class Unobserved(Run):
 
     def plan(self, most: int) -> int:
         """Steps without looks, and no row of the ledger before the end."""
-        self.ledger_due = math.inf
+        self.ledger_due = 2.0 * self.control.end_time
         count = super().plan(most)
         self.looks = []
         return count

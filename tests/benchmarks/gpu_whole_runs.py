@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import runout
 from runout.simulation.result import Result
+from tests.benchmarks.seed_cases.memory_peak import card_name
 
 SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
 MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "deposit_thickness")
@@ -68,7 +69,8 @@ def main() -> None:
     if a.write_inputs:
         a.write_inputs.write_bytes(pickle.dumps(inputs))
         return
-    report: dict[str, Any] = {"site": SITE.name, "device": a.device, "commit": a.commit, "records": []}
+    card = card_name() if a.device != "cpu" else None
+    report: dict[str, Any] = {"site": SITE.name, "device": a.device, "card": card, "commit": a.commit, "records": []}
     one_run(inputs, a.cells[0], 2.0, backend="hash", device=a.device)  # compiles
     for cell_size in a.cells:
         record, result = one_run(inputs, cell_size, a.end_time, backend="hash", device=a.device)

@@ -13,6 +13,7 @@ GENERATED = {
     "benchmarks/gpu.md",
     "benchmarks/one_answer.md",
     "benchmarks/peak_maps.md",
+    "benchmarks/error_factors.md",
     "benchmarks/published.md",
     "benchmarks/skip.md",
     "benchmarks/work_precision.md",

@@ -34,6 +34,7 @@ from runout.backends.hash import (
     observe,
     particles_to_grid,
     pore_pressure,
+    spreading,
     stencil,
     structure_contact,
     structure_surface,
@@ -112,7 +113,8 @@ def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP), structu
 KINDS = {
     "common": Kind(
         (stencil, index, block_numbers, contact_area, cell_lists, zones, column_drag, pore_pressure, contact_solution, deform,
-        ground, observe, unknown), lambda name: name not in {*LAW_KERNELS, *FRICTION_KERNELS, *SUM_KERNELS}, FLOAT32_BLOCKS,
+        ground, observe, spreading, unknown),
+        lambda name: name not in {*LAW_KERNELS, *FRICTION_KERNELS, *SUM_KERNELS}, FLOAT32_BLOCKS,
     ),
     "sums": Kind(
         (stencil, index, block_numbers, contact_area, cell_lists, zones, pore_pressure, contact_solution, contact_detection,
@@ -158,7 +160,9 @@ def _common_names(precision: str) -> dict[str, Any]:
         "first_node64": wide.bspline.first_node, "tens64": wide.names["tens"], "surface_at64": wide.heightfield.surface_at,
         "bend_smoothness64": wide.heightfield.bend_smoothness, "resampled_coefficient64": wide.heightfield.resampled_coefficient,
         "gradient_column64": wide.moments.gradient_column, "kinetic_energy64": wide.moments.kinetic_energy,
-        "potential_energy64": wide.moments.potential_energy,
+        "potential_energy64": wide.moments.potential_energy, "covered_part64": wide.numerical_scales.covered_part,
+        "flowing_part64": wide.numerical_scales.flowing_part, "footprint_area64": wide.numerical_scales.footprint_area,
+        "part_beyond64": wide.numerical_scales.part_beyond,
     }  # fmt: skip
     return argument_types(real) | _local_types(real) | natives.of(precision) | names
 

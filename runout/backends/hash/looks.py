@@ -1,7 +1,7 @@
 """Observations between the steps of a series: the device adds up columns and goes on, the host takes them meanwhile.
 
-    device   | step | step | sums | copy | step | step | sums | copy | ...
-    host     launches all of it, then waits for the first copy, spreads it over the map, waits for the second, ...
+    device   | step | step | sums, spread | copy | step | step | sums, spread | copy | ...
+    host     launches all of it, then waits for the first copy, raises the maps to it, waits for the second, ...
 
 The windows of the sums are larger than the mass, by a margin that it cannot pass until they are found anew.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from runout.backends import footprints
 from runout.backends.hash.account import Account
 from runout.backends.hash.parts import Parts
-from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of, columns_from
+from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of
 from runout.backends.protocol import RasterSums
 
 MARGIN = 8  # grid cells around the mass
@@ -44,7 +44,10 @@ class Looks:
         self.launched: list[LaunchedSums] = []
 
     def begin(self, wanted: Mapping[int, Sequence[int]], take: Take | None, substeps: np.ndarray) -> None:
-        """Open a series of transfers; ``take`` gets scene, transfer and columns after the ``wanted`` ones, from 1 on."""
+        """Open a series of transfers; ``take`` gets scene, transfer and columns after the ``wanted`` ones, from 1 on.
+
+        The columns are valid until it returns: the next ones may take their memory.
+        """
         self.wanted, self.take, self.begun, self.substeps = wanted, take, self.made.copy(), substeps
 
     def find_mass(self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray) -> None:
@@ -73,8 +76,8 @@ class Looks:
     def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
         """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""
         for sums in self.launched:
-            for s, (step, found) in sums.arrived().items():
+            for s, (step, columns) in sums.arrived().items():
                 if step == sums.expected[s] and self.take:
-                    columns = columns_from(parts.scenes.scenes[s], accounts[s], sums.covered[s], found)
                     self.take(s, int(step - self.begun[s]) // int(self.substeps[s]), columns)
+            sums.release()
         self.launched = []

@@ -288,7 +288,8 @@ def add_columns(
     A window holds all mass; a particle outside counts at its rim, so that no other memory is written. Its row: place in ``raster``
     or -1, columns, rows; rows are counted from the south.
     Volume, mass, momentum: whole numbers of a tiny unit, exact in any order, so that they repeat bit by bit. A row of ``scales``:
-    a grid cell in cells of the lattice, how many units make one, and the first cell of the window, east and north.
+    a grid cell in cells of the lattice, how many units make one, and the first cell of the window, east and north. Shares are those
+    at the place on the whole lattice: their bits do not depend on where a window begins.
     """
     p = wp.tid()
     k = particles.key[p]
@@ -302,8 +303,10 @@ def add_columns(
     qx = place[0]
     qy = place[1]
     wide = scales[s, 0]
-    x = (qx - wp.float64(0.5)) * wide - scales[s, 4]
-    y = (qy - wp.float64(0.5)) * wide - scales[s, 5]
+    x = (qx - wp.float64(0.5)) * wide
+    y = (qy - wp.float64(0.5)) * wide
+    first_column = int(scales[s, 4])
+    first_row = int(scales[s, 5])
     m = wp.float64(particles.rec[MASS, p])
     volume = m / scenes.density[int(particles.release[p])] * scales[s, 1]
     columns = windows[s, 1]
@@ -313,7 +316,7 @@ def add_columns(
         for j in range(int(wp.floor(y)), int(wp.floor(y + wide)) + 1):
             share = sx * _covered(y, wide, j)
             if share > wp.float64(0.0):
-                o = begin + (wp.clamp(j, 0, rows - 1) * columns + wp.clamp(i, 0, columns - 1)) * 5
+                o = begin + (wp.clamp(j - first_row, 0, rows - 1) * columns + wp.clamp(i - first_column, 0, columns - 1)) * 5
                 added = whole5()
                 added[0] = wp.int64(wp.round(share * volume))
                 added[1] = wp.int64(wp.round(share * m * scales[s, 2]))

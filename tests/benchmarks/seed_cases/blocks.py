@@ -1,5 +1,6 @@
 """Blocks of 64 nodes that a backend holds, and the box around them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +19,14 @@ class BlockCount:
         Blocks that hold nodes: those with particles, and those that these reach.
     box : int
         Blocks of the box around them.
+    low, high : tuple of int
+        Place of the first and of the last block of the box along each axis [blocks].
     """
 
     held: int
     box: int
+    low: tuple[int, ...] = ()
+    high: tuple[int, ...] = ()
 
     @property
     def sparsity(self) -> float:
@@ -39,5 +44,12 @@ def count_blocks(engine: Any) -> BlockCount:
         places = blocks.bxyz[: blocks.nall]
     if not len(places):
         return BlockCount(0, 0)
-    extent = np.ptp(places.astype(np.int64), axis=0) + 1
-    return BlockCount(len(places), int(np.prod(extent)))
+    low, high = places.min(0).astype(np.int64), places.max(0).astype(np.int64)
+    return BlockCount(len(places), int(np.prod(high - low + 1)), tuple(low.tolist()), tuple(high.tolist()))
+
+
+def box_of_run(counts: Sequence[BlockCount]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """First and last block along each axis of the box around all blocks of a run."""
+    filled = [count for count in counts if count.held]
+    low, high = np.min([count.low for count in filled], axis=0), np.max([count.high for count in filled], axis=0)
+    return tuple(low.tolist()), tuple(high.tolist())

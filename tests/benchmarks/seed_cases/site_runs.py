@@ -1,26 +1,32 @@
 """Runs of the synthetic site by cell size: time, steps, memory of device and host, blocks, sparsity and run-out."""
 
+import statistics
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
-from runout.backends.protocol import get_backend
+from runout.backends.hash.index import MARGIN
+from runout.backends.protocol import INDEXES, get_backend
+from runout.errors import BudgetError, CapacityError
 from runout.forecast.memory import Extent, expected_memory
 from runout.model.numerics import Numerics, Scheme
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
 from runout.studies.timing import memory_of
 from tests.benchmarks.seed_cases import synthetic_site as site
-from tests.benchmarks.seed_cases.blocks import NODES, BlockCount, count_blocks
+from tests.benchmarks.seed_cases.blocks import NODES, BlockCount, box_of_run, count_blocks
 from tests.benchmarks.seed_cases.memory_peak import card_used, forget_host_peak, host_peak
 
 PER_CELL = (2, 2, 2)
 CELLS = {"cpu": (10.0, 8.0), "gpu": (10.0, 8.0, 6.0, 4.0, 2.0)}  # [m], full size, the coarsest first
 COARSE, COARSE_TIME = (40.0,), 20.0  # [m], [s]
 THREADS = 1  # of the CPU: its time is then that of the work, whatever else the machine does
+TURNS, TRANSFERS = 5, 40  # series of the dense control, and transfers of each
 
 
 @dataclass
@@ -71,7 +77,11 @@ def by_cell_size(device: str, full: bool) -> list[dict[str, Any]]:
     """One row a cell size, see :func:`one_run`; kernels are compiled or loaded before."""
     cells = CELLS["cpu" if device == "cpu" else "gpu"] if full else COARSE
     one_run(COARSE[0], device, 1.0)
-    return [one_run(cell, device, site.END_TIME if full else COARSE_TIME) for cell in cells]
+    rows = []
+    for cell in cells:
+        row = one_run(cell, device, site.END_TIME if full else COARSE_TIME)
+        rows.append(row | ({} if device == "cpu" else dense_control(cell, device, row["box_low"], row["box_high"])))
+    return rows
 
 
 def one_run(cell: float, device: str, end_time: float) -> dict[str, Any]:
@@ -91,14 +101,7 @@ def one_run(cell: float, device: str, end_time: float) -> dict[str, Any]:
     started = clock()
     ground = site.terrain()
     engine = get_backend("scan" if device == "cpu" else "hash", device, THREADS)
-    scene, particles = build_scene(
-        ground,
-        site.release(ground),
-        site.ROCK_AND_ICE,
-        site.BASAL_ANGLE,
-        Numerics(cell_size=cell, particles_per_cell=PER_CELL),
-        in_chunks=True,
-    )
+    scene, particles = _scene(ground, cell)
     watch = Watch(engine, len(particles))
     run = Run(engine, scene, RunControl(end_time), watch.look, None)
     run.start(particles)
@@ -119,11 +122,81 @@ def one_run(cell: float, device: str, end_time: float) -> dict[str, Any]:
     }
 
 
+def _scene(ground: Any, cell: float) -> Any:
+    """Scene and particles of the site with cells of ``cell`` [m]."""
+    return build_scene(
+        ground,
+        site.release(ground),
+        site.ROCK_AND_ICE,
+        site.BASAL_ANGLE,
+        Numerics(cell_size=cell, particles_per_cell=PER_CELL),
+        in_chunks=True,
+    )
+
+
+def dense_control(cell: float, device: str, low: Sequence[int], high: Sequence[int]) -> dict[str, Any]:
+    """Substeps of the start of the run on a GPU, over the blocks that hold mass and over all blocks of the box of the whole flow.
+
+    Parameters
+    ----------
+    cell : float
+        Width of a cell [m].
+    device : str
+        "cuda:N".
+    low, high : sequence of int
+        First and last block of the box along each axis.
+
+    Returns
+    -------
+    dict
+        For "sparse" and "dense": seconds of a substep, the median of :data:`TURNS` series that take turns, sorts included; blocks
+        and bytes held. Empty for a dense grid that does not fit.
+    """
+    engines = {}
+    for index in INDEXES:
+        scene, particles = _scene(site.terrain(), cell)
+        engine = get_backend("hash", device, index=index)
+        try:
+            with patch("runout.backends.hash.batch.box_around", lambda nodes: _nodes_of_box(low, high)):
+                engine.load(scene, particles)
+        except (BudgetError, CapacityError, MemoryError):
+            return {}
+        engines[index] = engine
+    seconds: dict[str, list[float]] = {index: [] for index in engines}
+    dt = 0.5 * engines["sparse"].stable_step()
+    for turn in range(TURNS + 1):
+        for index, engine in engines.items():
+            started = time.perf_counter()
+            engine.steps(dt, TRANSFERS, substeps=scene.substeps)
+            engine.stable_step()  # waits for the device
+            if turn:
+                seconds[index].append((time.perf_counter() - started) / (TRANSFERS * scene.substeps))
+    return {
+        f"{index}_{name}": value
+        for index, engine in engines.items()
+        for name, value in (
+            ("seconds", statistics.median(seconds[index])),
+            ("blocks", count_blocks(engine).held),
+            ("bytes", memory_of(engine, len(particles))["bytes"]),
+        )
+    }
+
+
+def _nodes_of_box(low: Sequence[int], high: Sequence[int]) -> np.ndarray:
+    """A node (blocks, 3) int32 inside each block of a box."""
+    shape = tuple(np.subtract(high, low) + 1)
+    place = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1) + np.asarray(low)
+    return (4 * place + MARGIN).astype(np.int32)
+
+
 def _blocks(found: list[BlockCount]) -> dict[str, Any]:
     """Blocks, nodes and sparsity of a run: most, and at the end; sparsity at the start too."""
     held = max(b.held for b in found)
+    low, high = box_of_run(found)
     return {
         "blocks": held,
+        "box_low": low,
+        "box_high": high,
         "nodes": NODES * held,
         "blocks_at_end": found[-1].held,
         "sparsity_at_start": found[0].sparsity,

@@ -1,0 +1,208 @@
+"""Columns of the flow on a GPU: footprints of the mass as in :mod:`runout.backends.footprints`, a thread for each cell.
+
+A thread reads the square around its cell. On a CPU :mod:`runout.backends.spreading` does the same with sums along rows and across
+them. Only sums over a square have another order here, so that columns of the two agree to rounding.
+
+    raster    whole numbers (5 cells,): volume, mass, momentum (3)
+    values    the same in SI (5, cells): volume, momentum (3), mass
+    parts     of the volume that spread over one, 3 x 3 and 5 x 5 cells (3, cells); with them the part that flows (cells,)
+    covered   part of each cell that the flow covers (1, cells)
+    scales    what each cell gives to footprints of 3 x 3, 5 x 5 and 9 x 9 cells (3, cells), in place of the parts
+    spread    the values over their footprints, and the part of the volume that flows (6 cells,)
+
+The cells of all windows lie one behind the other, each window row by row from the south.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import warp as wp
+
+from runout.backends import footprints
+from runout.backends.hash.layout import Doubles, Doubles2, Longs, Table2, run
+from runout.backends.hash.limits import require_index
+from runout.backends.hash.parts import Parts
+from runout.physics.numerical_scales import covered_part as covered_part64
+from runout.physics.numerical_scales import flowing_part as flowing_part64
+from runout.physics.numerical_scales import footprint_area as footprint_area64
+from runout.physics.numerical_scales import part_beyond as part_beyond64
+
+LANES = 5  # volume, momentum (3), mass
+EXTENT, DEPTH = 1, 5  # where the numbers of the two footprints begin: particles that share a place, and three areas
+
+
+def _square(values: Doubles2, lane: int, begin: int, columns: int, rows: int, c: int, reach: int):
+    """Sum over the square around a cell of a window; nothing lies beyond."""
+    total = wp.float64(0.0)
+    i = c / columns
+    j = c - i * columns
+    for a in range(wp.max(i - reach, 0), wp.min(i + reach + 1, rows)):
+        for b in range(wp.max(j - reach, 0), wp.min(j + reach + 1, columns)):
+            total += values[lane, begin + a * columns + b]
+    return total
+
+
+def _scaled_square(values: Doubles2, lane: int, scales: Doubles2, s: int, window: Table2, w: int, c: int, reach: int):
+    """Sum over the square around a cell of a window, of what each cell gives to a footprint."""
+    total = wp.float64(0.0)
+    begin = window[w, 0]
+    columns = window[w, 1]
+    i = c / columns
+    j = c - i * columns
+    for a in range(wp.max(i - reach, 0), wp.min(i + reach + 1, window[w, 2])):
+        for b in range(wp.max(j - reach, 0), wp.min(j + reach + 1, columns)):
+            k = begin + a * columns + b
+            total += scales[s, k] * values[lane, k]
+    return total
+
+
+def scale_columns(windows: Table2, units: Doubles2, raster: Longs, values: Doubles2):
+    """Sums of whole numbers (cells, 5) to ``values`` (5, cells). Rows of ``windows``: first cell, columns, rows."""
+    w, c = wp.tid()
+    if c >= windows[w, 1] * windows[w, 2]:
+        return
+    k = windows[w, 0] + c
+    values[0, k] = wp.float64(raster[5 * k]) / units[w, 0]
+    values[4, k] = wp.float64(raster[5 * k + 1]) / units[w, 1]
+    for d in range(3):
+        values[1 + d, k] = wp.float64(raster[5 * k + 2 + d]) / units[w, 2]
+
+
+def find_flowing(windows: Table2, units: Doubles2, values: Doubles2, parts: Doubles2, flowing: Doubles):
+    """Parts of the volume of each cell that spread over one, 3 x 3 and 5 x 5 cells to find the extent; the part that flows."""
+    w, c = wp.tid()
+    if c >= windows[w, 1] * windows[w, 2]:
+        return
+    k = windows[w, 0] + c
+    count = _square(values, 0, windows[w, 0], windows[w, 1], windows[w, 2], c, 2) / wp.float64(25.0) / units[w, 3]
+    beyond = wp.float64(0.0)
+    within = wp.float64(0.0)
+    flows = wp.float64(0.0)
+    if count > wp.float64(0.0):
+        area = footprint_area64(count, units[w, 4], units[w, 7])
+        flows = flowing_part64(count, units[w, 4])
+        beyond = part_beyond64(area, units[w, 6], units[w, 7])
+        within = part_beyond64(area, units[w, 5], units[w, 6])
+    flowing[k] = flows
+    volume = values[0, k]
+    parts[0, k] = (wp.float64(1.0) - within) * volume
+    parts[1, k] = (within - beyond) * volume / wp.float64(9.0)
+    parts[2, k] = beyond * volume / wp.float64(25.0)
+
+
+def find_covered(windows: Table2, units: Doubles2, parts: Doubles2, covered: Doubles2):
+    """Part of each cell that the flow covers."""
+    w, c = wp.tid()
+    if c >= windows[w, 1] * windows[w, 2]:
+        return
+    begin = windows[w, 0]
+    columns = windows[w, 1]
+    rows = windows[w, 2]
+    three = _square(parts, 1, begin, columns, rows, c, 1)
+    five = _square(parts, 2, begin, columns, rows, c, 2)
+    covered[0, begin + c] = covered_part64(parts[0, begin + c] + three + five, units[w, 3])
+
+
+def find_scales(windows: Table2, units: Doubles2, values: Doubles2, covered: Doubles2, scales: Doubles2):
+    """Parts of the mass of each cell that get footprints of 3 x 3, 5 x 5 and 9 x 9 cells, over the covered part of these."""
+    w, c = wp.tid()
+    if c >= windows[w, 1] * windows[w, 2]:
+        return
+    begin = windows[w, 0]
+    columns = windows[w, 1]
+    rows = windows[w, 2]
+    k = begin + c
+    for s in range(3):
+        scales[s, k] = wp.float64(0.0)
+    if values[0, k] <= wp.float64(0.0):
+        return  # there is no mass to spread
+    count = _square(values, 0, begin, columns, rows, c, 4) / wp.float64(81.0) / units[w, 3]
+    area = footprint_area64(count, units[w, 8], units[w, 11])
+    first = part_beyond64(area, units[w, 9], units[w, 10])
+    second = part_beyond64(area, units[w, 10], units[w, 11])
+    least = wp.float64(1e-300)
+    scales[0, k] = (wp.float64(1.0) - first) / wp.max(_square(covered, 0, begin, columns, rows, c, 1), least)
+    scales[1, k] = (first - second) / wp.max(_square(covered, 0, begin, columns, rows, c, 2), least)
+    scales[2, k] = second / wp.max(_square(covered, 0, begin, columns, rows, c, 4), least)
+
+
+def spread_columns(
+    windows: Table2, values: Doubles2, covered: Doubles2, scales: Doubles2, flowing: Doubles, lanes: int, spread: Doubles
+):  # fmt: skip
+    """Spread each lane within the covered part of each cell; a last lane has the part of the volume that flows.
+
+    ``spread`` has the lanes of a window one behind the other.
+    """
+    w, c = wp.tid()
+    cells = windows[w, 1] * windows[w, 2]
+    if c >= cells:
+        return
+    k = windows[w, 0] + c
+    begin = (lanes + 1) * windows[w, 0] + c
+    inside = covered[0, k]
+    for lane in range(lanes + 1):
+        spread[begin + lane * cells] = wp.float64(0.0)
+    if inside > wp.float64(0.0):
+        for lane in range(lanes):
+            three = _scaled_square(values, lane, scales, 0, windows, w, c, 1)
+            five = _scaled_square(values, lane, scales, 1, windows, w, c, 2)
+            nine = _scaled_square(values, lane, scales, 2, windows, w, c, 4)
+            spread[begin + lane * cells] = inside * (three + five + nine)
+        spread[begin + lanes * cells] = flowing[k] * spread[begin]
+
+
+class SpreadSums:
+    """Spreads sums over windows of lattices; nothing waits.
+
+    Parameters
+    ----------
+    lattices : mapping of int to Lattice
+        Windows by scene.
+
+    Attributes
+    ----------
+    values : (5, cells)
+        The sums [m3], [kg m/s], [kg], on the device.
+    """
+
+    def __init__(self, lattices: Mapping[int, footprints.Lattice]):
+        self.sizes = [lattice.shape[0] * lattice.shape[1] for lattice in lattices.values()]
+        self.cells, self.lattices = sum(self.sizes), lattices
+        self.first = dict(zip(lattices, np.cumsum([0, *self.sizes]).tolist(), strict=False))
+        require_index((LANES + 1) * self.cells, "columns of maps")
+        self.values = wp.empty((LANES, self.cells), dtype=wp.float64)
+
+    def launch(self, parts: Parts, units: Mapping[int, np.ndarray], volumes: Mapping[int, float], raster: wp.array) -> wp.array:
+        """Launch the spreading of whole numbers ``raster`` (5 cells,); returns the columns (6 cells,), window by window.
+
+        ``units`` (3,) are the whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)] of a scene,
+        ``volumes`` the mean volume of its particles [m3].
+        """
+        k, cells = parts.k, self.cells
+        places = [(self.first[n], *lattice.shape) for n, lattice in self.lattices.items()]
+        sharing = [(s, *areas) for s, areas in zip(footprints.SHARING, footprints.AREAS, strict=True)]
+        rows = [(*units[n], volumes[n] / footprints.HALVES**2, *sharing[0], *sharing[1]) for n in self.lattices]
+        windows, numbers = wp.array(np.array(places, np.int32), dtype=wp.int32), wp.array(np.array(rows), dtype=wp.float64)
+        scales, covered = (wp.empty((lanes, cells), dtype=wp.float64) for lanes in (3, 1))
+        flowing, spread = (wp.empty(lanes * cells, dtype=wp.float64) for lanes in (1, LANES + 1))
+        size = len(self.sizes), max(self.sizes)
+        run(k.scale_columns, size, windows, numbers, raster, self.values)
+        run(k.find_flowing, size, windows, numbers, self.values, scales, flowing)
+        run(k.find_covered, size, windows, numbers, scales, covered)
+        run(k.find_scales, size, windows, numbers, self.values, covered, scales)
+        run(k.spread_columns, size, windows, self.values, covered, scales, flowing, LANES, spread)
+        return spread
+
+    def of(self, scene: int, numbers: np.ndarray) -> np.ndarray:
+        """Columns (6, rows, columns) of a scene, a view of all ``numbers`` (6 cells,) on the host."""
+        columns, rows = self.lattices[scene].shape
+        begin, many = (LANES + 1) * self.first[scene], (LANES + 1) * rows * columns
+        return numbers[begin : begin + many].reshape(LANES + 1, rows, columns)
+
+    def boxes(self, scene: int) -> np.ndarray:
+        """Sums (5, rows, columns) of a scene before they are spread; the host waits for the device."""
+        columns, rows = self.lattices[scene].shape
+        begin = self.first[scene]
+        return self.values.numpy()[:, begin : begin + rows * columns].reshape(LANES, rows, columns)
