@@ -1,13 +1,19 @@
-"""Loop over nodes of the plan that applies a law of erosion to each; the binding compiles it.
+"""Loop over the nodes of the plan that erodes a bed under the columns of the flow; the binding compiles it.
 
+One pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what it erodes.
 ``rate`` and ``friction_stress`` stand for the laws of the scene: the binding puts them there.
 """
 
+import math
 from typing import Any
 
 from runout.physics.bed import driving_stress, friction_stress, normal_stress
-from runout.physics.heightfield import upward_normal
-from runout.physics.tensors import vec
+from runout.physics.contact import covered_share
+from runout.physics.heightfield import surface_at, upward_normal
+from runout.physics.tensors import tens, vec
+
+prange = range  # that of the compiler takes its place
+MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
 
 
 def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed: Any):
@@ -15,20 +21,101 @@ def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed
     return 0.0
 
 
-def take_rates(columns: Any, slopes: Any, eroded: Any, gravity: Any, basal: Any, bed: Any, of_friction: Any, rates: Any):
-    """Erosion ``rates`` (n,) [m/s], vertical, under columns.
+def _rate_at(column: Any, slopes: Any, eroded: Any, g: Any, basal: Any, of_friction: int, bed: Any):
+    """Vertical rate [m/s] under a ``column``: vertical thickness [m], speed [m/s], density [kg/m3], pore pressure ratio [1]."""
+    H, u, density, pore_ratio = column
+    normal = upward_normal(slopes[0], slopes[1])
+    across = H * normal[2]
+    sigma = normal_stress(density, across, g, normal)
+    tau = driving_stress(density, across, g, normal)
+    if of_friction != 0:
+        tau = friction_stress(sigma, pore_ratio, u, basal)
+    return rate(across, u, sigma, tau, pore_ratio, eroded * normal[2], bed) / normal[2]
 
-    ``columns`` (n, 4) are the vertical thickness [m], mean speed [m/s], density [kg/m3] and pore ratio [1]; ``slopes`` (n, 2) [1]
-    those of the ground, ``eroded`` (n,) [m] the vertical depth so far, ``basal`` (n,) and ``bed`` (1,) the records of the laws;
-    ``of_friction`` (0 or 1): tau is the friction of the flow, not the driving stress.
+
+def _covered_at(mass: Any, i: int, j: int):
+    """Share [1] of its ground that the column of a node with a ``mass`` (nx, ny) [kg] covers."""
+    around, squares = 0.0, 0.0
+    for a in range(max(i - 1, 0), min(i + 2, mass.shape[0])):
+        for b in range(max(j - 1, 0), min(j + 2, mass.shape[1])):
+            around += mass[a, b]
+            squares += mass[a, b] * mass[a, b]
+    return covered_share(mass[i, j], around, squares)
+
+
+def _coefficient(c: Any, change: Any, i: int, j: int, begin: Any):
+    """Coefficient [m] of the ground at a node; nothing has changed beyond the table of changes."""
+    m, n = i + begin[4], j + begin[5]
+    if m < 0 or n < 0 or m >= change.shape[0] or n >= change.shape[1]:
+        return c[i + 1, j + 1]
+    return c[i + 1, j + 1] + change[m, n]
+
+
+def _slopes(c: Any, change: Any, i: int, j: int, begin: Any):
+    """Slopes of the ground at a node [m / cell]."""
+    k, m, n = i - 1, j - 1, j + 1
+    nine = tens(
+        _coefficient(c, change, k, m, begin), _coefficient(c, change, k, j, begin), _coefficient(c, change, k, n, begin),
+        _coefficient(c, change, i, m, begin), _coefficient(c, change, i, j, begin), _coefficient(c, change, i, n, begin),
+        _coefficient(c, change, i + 1, m, begin), _coefficient(c, change, i + 1, j, begin),
+        _coefficient(c, change, i + 1, n, begin),
+    )  # fmt: skip
+    found = surface_at(nine, 1.0, 1.0)
+    return found[1], found[2]
+
+
+def erode_nodes(
+    sums: Any, pore_ratio: Any, begin: Any, c: Any, change: Any, spacing: Any, gravity: Any, basal: Any, rows: Any, bed: Any,
+    of_friction: int, there: Any, eroded: Any, owed: Any, lasting: float, fastest: Any, reached: Any,
+):  # fmt: skip
+    """Add what a flow erodes in a time ``lasting`` [s] to ``eroded`` and ``owed`` [m], at the nodes of the bed that it covers.
+
+    Parameters
+    ----------
+    sums : (5, nx, ny)
+        Volume [m3], momentum (3) [kg m/s] and mass [kg] of the flow around nodes.
+    pore_ratio, rows : (n, m) or empty
+        Pore pressure ratio [1] of the mass at nodes of the bed, and their row in ``basal``; empty: 0.
+    begin : (7,) int
+        Where the n x m nodes begin in ``sums`` and among the nodes of the bed, and node 0 of the bed in ``change``; m.
+    c, change : arrays
+        Coefficients of the ground [m] at the nodes of the bed and one around, and what those of some nodes have more.
+    spacing, gravity : (2,), (3,)
+        [m], [m/s2].
+    basal : records
+        Of the law of friction.
+    of_friction : int
+        1: tau is the friction of the flow, 0: the driving stress.
+    bed : (1,) record
+        Of the law of erosion.
+    there : (NX, NY)
+        Depth of the bed at the start [m].
+    fastest, reached : (n,), (n, 2)
+        Get the largest rate of each row of nodes [m/s], and the first node in it that was eroded and the one after the last.
     """
-    g = vec(gravity[0], gravity[1], gravity[2])
-    for n in range(len(rates)):
-        normal = upward_normal(slopes[n, 0], slopes[n, 1])
-        u, density, pore_ratio = columns[n, 1], columns[n, 2], columns[n, 3]
-        H = columns[n, 0] * normal[2]
-        sigma = normal_stress(density, H, g, normal)
-        tau = driving_stress(density, H, g, normal)
-        if of_friction:
-            tau = friction_stress(sigma, pore_ratio, u, basal[n])
-        rates[n] = rate(H, u, sigma, tau, pore_ratio, eroded[n] * normal[2], bed[0]) / normal[2]
+    g, area = vec(gravity[0], gravity[1], gravity[2]), spacing[0] * spacing[1]
+    mass = sums[4]
+    for k in prange(len(fastest)):
+        a, i, largest, first, last = begin[0] + k, begin[2] + k, 0.0, eroded.shape[1], 0
+        for n in range(begin[6]):
+            b, j = begin[1] + n, begin[3] + n
+            left, m = there[i, j] - eroded[i, j], mass[a, b]
+            if not (left > 0.0 and m > 0.0):
+                continue
+            x, y, z = sums[1, a, b], sums[2, a, b], sums[3, a, b]
+            u = math.sqrt(x * x + y * y + z * z) / m
+            if u < MOVING:
+                continue
+            east, north = _slopes(c, change, i, j, begin)
+            covered = _covered_at(mass, a, b)
+            wet = pore_ratio[k, n] if len(pore_ratio) else 0.0
+            column = sums[0, a, b] / (area * covered), u, m / sums[0, a, b], wet
+            own = basal[rows[k, n] if len(rows) else 0]
+            E = _rate_at(column, (east / spacing[0], north / spacing[1]), eroded[i, j], g, own, of_friction, bed[0])
+            more = min(lasting * E * covered, left)
+            largest = max(largest, E)
+            if more > 0.0:
+                eroded[i, j] += more
+                owed[i, j] += more
+                first, last = min(first, j), j + 1
+        fastest[k], reached[k, 0], reached[k, 1] = largest, first, last

@@ -149,11 +149,9 @@ def placed(
 def around_nodes(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> NodeSums:
     """Sums around the nodes of the grid, from those of :func:`spread`: a node has the two cells on either side along each axis."""
     row, column, values = _inside(sums, lattice.first, lattice_shape(raster, lattice.cell))
-    boxes = BoxSums(values, row, column, density)
-    lanes = np.concatenate([boxes.sums[:4], boxes.mass[None]]).transpose(0, 2, 1)  # east, north
-    odd = [place % 2 == 0 for place in (column, row)]  # a node begins with an odd cell
-    lanes = np.pad(lanes, ((0, 0), *((int(o), int((n + o) % 2)) for o, n in zip(odd, lanes.shape[1:], strict=True))))
-    summed = lanes[:, ::2, ::2] + lanes[:, 1::2, ::2] + lanes[:, ::2, 1::2] + lanes[:, 1::2, 1::2]
+    nx, ny = ((begin + n) // 2 + 1 - (begin + 1) // 2 for begin, n in zip((column, row), values.shape[:0:-1], strict=True))
+    summed = np.empty((5, nx, ny))
+    loop("sum_around_nodes", values[0].size, np.ascontiguousarray(values), column, row, density, summed)
     return NodeSums(((column + 1) // 2, (row + 1) // 2), summed)
 
 

@@ -51,8 +51,9 @@ def layer_thicknesses(scene: Scene, p: Particles, stencils: Any, mass: np.ndarra
     total = _over_z(stencils, mass)[middle, 0]
     x, y = ((stencils.first[axis] + k) * scene.spacing[axis] for axis, k in enumerate(np.divmod(np.arange(nx * ny), ny)))
     slopes = (np.zeros(nx * ny),) * 2 if scene.ground is None else scene.ground.evaluate(x, y)[1:]
+    upward = formulas.heightfield.normal_z(*slopes)[middle]
     area = scene.spacing[0] * scene.spacing[1]
-    return formulas.pore_pressure.layer_thickness(total, area, scene.densities[p.release], slopes[0][middle], slopes[1][middle])  # type: ignore[no-any-return]
+    return formulas.pore_pressure.layer_thickness(total, area, scene.densities[p.release], upward)  # type: ignore[no-any-return]
 
 
 def begun_impulses(scene: Scene, p: Particles, dt: float) -> np.ndarray:

@@ -193,6 +193,29 @@ def spread_bands(sums: Any, one: float, sharing: Any, areas: Any, spread: Any):
         spread_band(sums, one, sharing, areas, BAND * band, spread)
 
 
+def _of_cell(cells: Any, lane: int, density: float, row: int, column: int):
+    """A lane of a cell of the lattice, 0 beyond it; the last is the mass, which may follow from the volume."""
+    if row < 0 or column < 0 or row >= cells.shape[1] or column >= cells.shape[2]:
+        return 0.0
+    return cells[lane, row, column] if lane < cells.shape[0] else density * cells[0, row, column]
+
+
+def sum_around_nodes(cells: Any, west: int, south: int, density: float, nodes: Any):
+    """Bring ``cells`` (lanes, rows, columns) to ``nodes`` (5, nx, ny), each of which has the two cells on either side of it.
+
+    The first cell is number ``west`` and ``south`` of the lattice, whose cell 0 lies north-east of node 0. Without a lane of mass
+    all have one ``density`` [kg/m3].
+    """
+    for i in prange(nodes.shape[1]):
+        a = 2 * (i + (west + 1) // 2) - 1 - west
+        for lane in range(nodes.shape[0]):
+            for j in range(nodes.shape[2]):
+                b = 2 * (j + (south + 1) // 2) - 1 - south
+                below = _of_cell(cells, lane, density, b, a) + _of_cell(cells, lane, density, b, a + 1)
+                above = _of_cell(cells, lane, density, b + 1, a), _of_cell(cells, lane, density, b + 1, a + 1)
+                nodes[lane, i, j] = below + above[0] + above[1]
+
+
 def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, shared: Any):
     """Bring ``sums`` (rows, columns) of a lattice to the cells of a raster, ``shared`` (rows, columns).
 

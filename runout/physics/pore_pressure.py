@@ -16,7 +16,6 @@ Grains carry the rest of the normal stress, 1 - lambda, and friction acts on tha
 import math
 from typing import Any
 
-from runout.physics.heightfield import normal_z
 from runout.physics.tensors import real
 
 LARGEST_RATIO = 0.97  # a mass that stands on less than 3 % of its weight is a fluid, whose strength no ratio describes
@@ -34,9 +33,12 @@ def diffusion_rate(diffusivity: Any):
     return real(0.25) * real(math.pi) * real(math.pi) * diffusivity
 
 
-def layer_thickness(mass: Any, area: Any, density: Any, slope_x: Any, slope_y: Any):
-    """Thickness H [m] normal to a ground with these slopes [1] of a column with a ``mass`` [kg] over an ``area`` [m2] in plan."""
-    return mass / (area * density) * normal_z(slope_x, slope_y)
+def layer_thickness(mass: Any, area: Any, density: Any, upward: Any):
+    """Thickness H [m] of a column with a ``mass`` [kg] over an ``area`` [m2] in plan, normal to the ground.
+
+    ``upward`` [1] is the vertical part of the unit normal of the ground (:func:`runout.physics.heightfield.normal_z`).
+    """
+    return mass / (area * density) * upward
 
 
 def remaining_share(thickness: Any, dt: Any, pore: Any):

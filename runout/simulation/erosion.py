@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from runout.backends import bed_loops
-from runout.backends.compile import array_binding, numba_binding
-from runout.backends.plan_areas import covered_shares, nearest_nodes, weighed
+from runout.backends.compile import array_binding, numba_binding, threads_at_most
+from runout.backends.plan_areas import nearest_nodes, weighed
 from runout.backends.protocol import Backend, LedgerRow, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, require_kind
@@ -37,13 +37,13 @@ from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED
 from runout.release import stagger
 from runout.simulation.bed_share import DepositMass
-from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundSlopes, births, rounding_of
+from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births, rounding_of
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
 LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth takes as long as a few steps
-MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
+CELLS_OF_A_THREAD = 2**12  # nodes that are worth a thread of their own
 NOTHING = np.array([[2**62, 2**62], [0, 0]])  # first nodes and ends of no part of the window
 
 
@@ -100,12 +100,13 @@ class ErodingBed:
         self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
         self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
+        self.record, self.basal = self._bed_record(), scene.basal.table()
         self._begin_anew(shape)
 
     def _begin_anew(self, shape: tuple[int, int]) -> None:
         """Nothing is eroded yet on a window of nodes with a ``shape``."""
         self.ground.restore(self.ground_at_start)
-        self.slopes = GroundSlopes(self.ground, self.first, shape)
+        self.coefficients = GroundCoefficients(self.ground, self.first, shape)
         self.eroded, self.owed, self.sunk = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.releases = np.zeros(shape, np.int32)  # that owns most of each column
         self.changed = NOTHING.copy()  # first nodes and ends of the part that was eroded since
@@ -143,7 +144,7 @@ class ErodingBed:
         """Erode the bed up to a ``time`` [s]; if births are due, particles join the backend."""
         lasting, self.time = time - self.time, time
         found = engine.node_columns() if isinstance(engine, WindowBackend) else None
-        columns = Columns.of(found).window(self.first, self.owed.shape) if found is not None else None
+        columns = Columns.within(found, self.first, self.shape) if found is not None else None
         fastest = 0.0
         if columns is not None:
             fastest = self._erode(engine, columns, lasting)
@@ -156,32 +157,31 @@ class ErodingBed:
 
     def _erode(self, engine: Backend, columns: Columns, lasting: float) -> float:
         """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""
-        part_of = self._part(columns)
-        owed, eroded = self.owed[part_of], self.eroded[part_of]
-        left, speed = self.there[part_of] - eroded, columns.speed
-        i, j = np.nonzero((left > 0.0) & (speed >= MOVING))
-        if not len(i):
-            return 0.0
-        rates, density = np.zeros(len(i)), columns.mass[i, j] / columns.volume[i, j]
-        slopes = self.slopes.at(i + part_of[0].start, j + part_of[1].start)
-        covered = covered_shares(columns.mass)[i, j]
-        thickness = columns.volume[i, j] / (self.area * covered)
-        flow = np.column_stack([thickness, speed[i, j], density, self._pore_ratios(engine, columns)[i, j]])
-        basal = np.zeros(len(i), self.scene.basal.table().dtype)
+        part_of, scene, ground = self._part(columns), self.scene, self.ground
+        rows = np.zeros((0, 0), np.int64)
         if self.bed.erosion.of_friction:
-            x, y = ((index + start) * h for index, start, h in zip((i, j), columns.first, self.scene.spacing, strict=False))
-            basal = self.scene.basal.records(self.scene.basal.rows(self.releases[part_of][i, j], x, y))
-        run = loops(self.law, self.scene.basal.law).take_rates
-        of_friction = int(self.bed.erosion.of_friction)
-        run(flow, slopes, eroded[i, j], np.array(self.scene.gravity), basal, self._record(), of_friction, rates)
-        more = np.minimum(lasting * rates * covered, left[i, j])
-        eroded[i, j] += more
-        low, high = ([getattr(side, end) for side in part_of] for end in ("start", "stop"))
-        self.changed = np.array([np.minimum(self.changed[0], low), np.maximum(self.changed[1], high)])
-        owed[i, j] += more
-        return float(rates.max())
+            x, y = ((start + np.arange(n)) * h for start, n, h in zip(columns.first, columns.shape, scene.spacing, strict=False))
+            rows = scene.basal.rows(self.releases[part_of], x[:, None], y[None, :])
+        self.coefficients.make(columns.mass, columns.first)
+        low = np.array([part_of[0].start, part_of[1].start])
+        begin = np.array([*columns.begin, *low, *np.subtract(self.first, ground.first), columns.shape[1]], np.int64)
+        fastest, reached = np.zeros(columns.shape[0]), np.zeros((columns.shape[0], 2), np.int64)
+        with threads_at_most(columns.mass.size // CELLS_OF_A_THREAD):
+            loops(self.law, scene.basal.law).erode_nodes(
+                columns.sums, self._pore_ratios(engine, columns), begin, self.coefficients.values, ground.change,
+                np.array(scene.spacing), np.array(scene.gravity), self.basal, rows, self.record, int(self.bed.erosion.of_friction),
+                self.there, self.eroded, self.owed, lasting, fastest, reached,
+            )  # fmt: skip
+        self._note_changed(low[0] + np.flatnonzero(reached[:, 1]), reached)
+        return float(fastest.max())
 
-    def _record(self) -> np.ndarray:
+    def _note_changed(self, rows: np.ndarray, reached: np.ndarray) -> None:
+        """Widen the part that was eroded by some ``rows`` (k,) and the first and last nodes (n, 2) in each of all rows."""
+        if len(rows):
+            low, high = (rows[0], reached[:, 0].min()), (rows[-1] + 1, reached[:, 1].max())
+            self.changed = np.array([np.minimum(self.changed[0], low), np.maximum(self.changed[1], high)])
+
+    def _bed_record(self) -> np.ndarray:
         """Record (1,) of the parameters of the law and the density [kg/m3] of the bed."""
         density = self.bed.density or float(self.scene.densities[0])
         record = np.zeros(1, [(name, np.float64) for name in self.law.fields])
@@ -191,18 +191,17 @@ class ErodingBed:
         return record
 
     def _pore_ratios(self, engine: Backend, columns: Columns) -> np.ndarray:
-        """Mean pore pressure ratios (nx, ny) [1] of the mass around the nodes of columns; 0 where the law does not read them."""
-        shape = columns.volume.shape
+        """Mean pore pressure ratios (nx, ny) [1] of the mass around nodes; empty where the law does not read them."""
         if not (self.scene.is_wet and self.bed.erosion.of_friction):
-            return np.zeros(shape)
+            return np.zeros((0, 0))
         assert isinstance(engine, WindowBackend)
-        mass, wet = engine.plan_masses(columns.first, (shape[0], shape[1])).sum(axis=0)
+        mass, wet = engine.plan_masses(columns.first, columns.shape).sum(axis=0)
         return np.divide(wet, mass, out=np.zeros(mass.shape), where=mass > 0)
 
     def _part(self, columns: Columns) -> tuple[slice, slice]:
         """Part of the window of the bed where columns lie."""
         begin = [a - b for a, b in zip(columns.first, self.first, strict=True)]
-        along, across = (slice(b, b + n) for b, n in zip(begin, columns.volume.shape, strict=True))
+        along, across = (slice(b, b + n) for b, n in zip(begin, columns.shape, strict=True))
         return along, across
 
     def _give_birth(self, engine: Backend, columns: Columns, late: float) -> None:
@@ -229,8 +228,7 @@ class ErodingBed:
         self._book(columns, newborn, i + first[0], j + first[1])
         if len(self.scene.materials) > 1:
             assert isinstance(engine, WindowBackend)
-            shape = columns.volume.shape
-            self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, (shape[0], shape[1])))
+            self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, columns.shape))
         engine.add(newborn)
 
     def _lower_ground(self, engine: Backend) -> None:
@@ -241,7 +239,6 @@ class ErodingBed:
         changed = slice(west, east), slice(south, north)
         depth = self.eroded[changed] - self.sunk[changed]
         engine.lower((self.first[0] + west, self.first[1] + south), depth)
-        self.slopes.forget(*changed)
         self.sunk[changed] = self.eroded[changed]
         self.changed = NOTHING.copy()
 
@@ -324,9 +321,8 @@ class ErodingBed:
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""
-        return arrays_of(self, ("volume", "radius", "particles", "there", "ground_at_start")) | arrays_of(
-            self.booked, (), "booked."
-        )
+        fixed = "volume", "radius", "particles", "there", "ground_at_start", "record", "basal"
+        return arrays_of(self, fixed) | arrays_of(self.booked, (), "booked.")
 
     def restore(self, state: State) -> None:
         """Continue from :meth:`state`; the ground is lowered as it was."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from runout.backends.protocol import NodeSums
-from runout.model.nodal_surface import NodalSurface
+from runout.model.nodal_surface import TILE, WIDTH, NodalSurface
 from runout.model.scene import Raster, Scene
 from runout.release import stagger
 
@@ -16,76 +16,89 @@ THINNEST = 1e-6  # [m] of a bed; less is rounding
 
 @dataclass
 class Columns:
-    """Sums over the flow around nodes of the plan, from node ``first`` on.
+    """The part of the sums of a flow around nodes of the plan that lies in a window of nodes.
 
     Attributes
     ----------
-    first : tuple of int
-    volume, mass : ndarray (nx, ny)
-        [m3], [kg]
-    momentum : ndarray (3, nx, ny)
-        [kg m/s]
+    sums : ndarray (5, NX, NY)
+        Volume [m3], momentum (3) [kg m/s] and mass [kg], also beyond the window.
+    begin : tuple of int
+        Where the part begins in ``sums``.
+    first, shape : tuple of int
+        Its first node, counted from that of the plan, and its nodes.
     """
 
+    sums: np.ndarray
+    begin: tuple[int, int]
     first: tuple[int, int]
-    volume: np.ndarray
-    mass: np.ndarray
-    momentum: np.ndarray
+    shape: tuple[int, int]
 
     @classmethod
-    def of(cls, found: NodeSums) -> "Columns":
-        """From sums of a backend."""
-        return cls(found.first, found.sums[0], found.sums[4], found.sums[1:4])
-
-    @property
-    def speed(self) -> np.ndarray:
-        """Mean speed (nx, ny) [m/s]; 0 without mass."""
-        return np.sqrt((self.momentum**2).sum(axis=0)) / np.maximum(self.mass, np.finfo(float).tiny)  # type: ignore[no-any-return]
-
-    def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the grid; 0 beyond the window."""
-        a, b = i - self.first[0], j - self.first[1]
-        inside = (a >= 0) & (a < self.mass.shape[0]) & (b >= 0) & (b < self.mass.shape[1])
-        speed = np.zeros(len(i))
-        speed[inside] = self.speed[a[inside], b[inside]]
-        return speed
-
-    def window(self, first: tuple[int, int], shape: tuple[int, int]) -> "Columns | None":
-        """The part within so many nodes from another ``first``; None without one."""
-        low = [max(a, b) for a, b in zip(self.first, first, strict=True)]
-        high = [min(a + n, b + m) for a, n, b, m in zip(self.first, self.volume.shape, first, shape, strict=True)]
+    def within(cls, found: NodeSums, first: tuple[int, int], shape: tuple[int, int]) -> "Columns | None":
+        """The part of sums of a backend within so many nodes from ``first`` on; None without one."""
+        low = [max(a, b) for a, b in zip(found.first, first, strict=True)]
+        high = [min(a + n, b + m) for a, n, b, m in zip(found.first, found.sums.shape[1:], first, shape, strict=True)]
         if low[0] >= high[0] or low[1] >= high[1]:
             return None
-        own = tuple(slice(a - start, b - start) for a, b, start in zip(low, high, self.first, strict=True))
-        return Columns((low[0], low[1]), self.volume[own], self.mass[own], self.momentum[:, *own])
+        begin = low[0] - found.first[0], low[1] - found.first[1]
+        return cls(np.ascontiguousarray(found.sums), begin, (low[0], low[1]), (high[0] - low[0], high[1] - low[1]))
+
+    @property
+    def mass(self) -> np.ndarray:
+        """[kg] of the part (nx, ny)."""
+        (i, j), (n, m) = self.begin, self.shape
+        return self.sums[4, i : i + n, j : j + m]
+
+    def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part and without mass."""
+        a, b = i - self.first[0], j - self.first[1]
+        inside = (a >= 0) & (a < self.shape[0]) & (b >= 0) & (b < self.shape[1])
+        speed, own = np.zeros(len(i)), self.sums[:, a[inside] + self.begin[0], b[inside] + self.begin[1]]
+        speed[inside] = np.sqrt((own[1:4] ** 2).sum(axis=0)) / np.maximum(own[4], np.finfo(float).tiny)
+        return speed
 
 
-class GroundSlopes:
-    """Slopes of the ground at the nodes of a window, found where they are asked for and kept until the ground changes there.
+class GroundCoefficients:
+    """Coefficients of the ground at the nodes of a window, without its change, made where mass comes and kept.
 
     Parameters
     ----------
     ground : NodalSurface
     first, shape : tuple of int
         First node and number of nodes.
+
+    Attributes
+    ----------
+    values : ndarray (nx + 2, ny + 2)
+        [m], at these nodes and one around; NaN where no mass has come.
     """
 
     def __init__(self, ground: NodalSurface, first: tuple[int, int], shape: tuple[int, int]):
-        self.ground, self.first = ground, first
-        self.known = np.full((*shape, 2), np.nan)
+        self.ground, self.first = ground, (first[0] - 1, first[1] - 1)
+        self.values = np.full((shape[0] + 2, shape[1] + 2), np.nan)
+        self.begin = self.first[0] // TILE, self.first[1] // TILE  # tile of the first value
+        last = [(one + n - 1) // TILE for one, n in zip(self.first, self.values.shape, strict=True)]
+        self.known = np.zeros([end - begin + 1 for begin, end in zip(self.begin, last, strict=True)], bool)
 
-    def at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Slopes (n, 2) [1] east and north at nodes ``i``, ``j`` (n,) of the window."""
-        new = np.isnan(self.known[i, j, 0])
-        a, b = i[new], j[new]
-        dx, dy = self.ground.spacing
-        _, east, north = self.ground.evaluate((self.first[0] + a) * dx, (self.first[1] + b) * dy)
-        self.known[a, b] = np.column_stack([east, north])
-        return self.known[i, j]  # type: ignore[no-any-return]
+    def make(self, mass: np.ndarray, first: tuple[int, int]) -> None:
+        """Make those around the nodes (nx, ny), from the ``first`` on, that have a ``mass`` [kg]."""
+        low = [(one - 1) // TILE for one in first]
+        high = [(one + n - 2) // TILE + 1 for one, n in zip(first, mass.shape, strict=True)]
+        own = tuple(slice(a - begin, b - begin) for a, b, begin in zip(low, high, self.begin, strict=True))
+        for tile in np.argwhere(~self.known[own]) + low:
+            begin = [int(n) * TILE + 1 - one for n, one in zip(tile, first, strict=True)]
+            if mass[*(slice(max(n, 0), n + TILE) for n in begin)].any():
+                self._take(*tile.tolist())
 
-    def forget(self, along: slice, across: slice) -> None:
-        """The ground of a part of the window changes, and with it the slopes one node around."""
-        self.known[max(along.start - 1, 0) : along.stop + 1, max(across.start - 1, 0) : across.stop + 1] = np.nan
+    def _take(self, i: int, j: int) -> None:
+        """Copy a tile of the ground, as far as it lies in the window."""
+        here, there = [], []
+        for tile, one, count in zip((i, j), self.first, self.values.shape, strict=True):
+            low, high = max(tile * TILE, one), min(tile * TILE + WIDTH, one + count)
+            here.append(slice(low - one, high - one))
+            there.append(slice(low - tile * TILE, high - tile * TILE))
+        self.values[*here] = self.ground.unchanged(i, j)[*there]
+        self.known[i - self.begin[0], j - self.begin[1]] = True
 
 
 def _pooled(values: np.ndarray, size: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Particles that join a running backend, and a ground that is lowered meanwhile."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -347,3 +348,40 @@ def test_columns_around_nodes_take_boxes_of_a_cell(name):
     assert x[:, 1].min() < 0.5
     scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(found.sums / scale, expected / scale, rtol=0, atol=1e-12)
+
+
+def test_births_cost_hash_one_sort_and_one_wait(monkeypatch):
+    """Launches and copies of a birth do not depend on what is there; ground that falls takes one copy and no launch."""
+    import warp as wp
+
+    counts = Counter()
+
+    def counted(patch, owner, name):
+        method = getattr(owner, name)
+
+        def call(*arguments, **more):
+            counts[name] += 1
+            return method(*arguments, **more)
+
+        patch.setattr(owner, name, call)
+
+    births, lowerings = [], []
+    for size in ((5.0, 6.0, 2.0), (10.0, 12.0, 2.0)):
+        engine = running(engine_of("hash"), sloped(), mass(size=size, speed=2.0), 3)
+        engine.add(mass((24.0, 33.0, 1.5), (1.0, 1.0, 0.5), 20_000))  # makes places for more
+        go_on(engine, 2)
+        with monkeypatch.context() as patch:
+            for owner, names in ((wp, ("launch", "launch_tiled", "copy")), (wp.array, ("numpy", "assign"))):
+                for name in names:
+                    counted(patch, owner, name)
+            engine.lower((25, 33), np.full((3, 3), 0.01))
+            lowerings.append(dict(counts)), counts.clear()
+            engine.add(mass((24.0, 33.0, 2.0), (1.0, 1.0, 0.5), 30_000))
+            births.append(dict(counts)), counts.clear()
+        go_on(engine, 2)
+    assert lowerings == [{"assign": 1, "copy": 1}] * 2
+    assert births[0] == births[1]
+    assert births[0]["numpy"] == 1  # the status behind the sort: the one wait of the host
+    assert births[0]["launch"] + births[0]["launch_tiled"] <= 40
+    assert births[0]["copy"] <= 18
+    assert births[0]["assign"] <= 3

@@ -179,18 +179,26 @@ def test_compiled_rate_is_that_of_plain_python(law):
     for name, value in vars(record).items():
         bed_record[name] = value
     basal["friction"] = 0.9
-    slopes, gravity, rates = np.array([[0.5, -0.2]]), np.array([0.0, 0.0, -9.81]), np.zeros(1)
-    of_friction = int(erosion.declaration.of_friction)
-    loops(erosion, friction).take_rates(
-        np.array([[2.0, 3.0, 2000.0, 0.0]]), slopes, np.array([0.1]), gravity, basal, bed_record, of_friction, rates
-    )
+    gravity, of_friction = np.array([0.0, 0.0, -9.81]), int(erosion.declaration.of_friction)
+    i, j = np.arange(3.0)[:, None] - 1.0, np.arange(3.0)[None, :] - 1.0
+    ground = 0.5 * 2.0 * i - 0.2 * 2.5 * j  # nodes 2 m and 2.5 m apart; half of it is a change
+    sums = np.array([10.0, 60e3, 0.0, 0.0, 20e3]).reshape(5, 1, 1)  # 2 m thick over 5 m2, at 3 m/s
+    there, eroded, owed = np.full((1, 1), 9.0), np.full((1, 1), 0.1), np.zeros((1, 1))
+    fastest, reached, nothing = np.zeros(1), np.zeros((1, 2), np.int64), np.zeros((0, 0))
+    loops(erosion, friction).erode_nodes(
+        sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1]), 0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity, basal,
+        np.zeros((0, 0), np.int64), bed_record, of_friction, there, eroded, owed, 0.25, fastest, reached,
+    )  # fmt: skip
     n = 1.0 / math.sqrt(1.29)
     sigma, sine = 2000.0 * 2.0 * n * 9.81 * n, math.sqrt(1.0 - n * n)
     tau = 0.9 * sigma if of_friction else 2000.0 * 2.0 * n * 9.81 * sine
     assert sigma == pytest.approx(bed.normal_stress(2000.0, 2.0 * n, gravity, upward_normal(0.5, -0.2)))
     expected = erosion.rate(2.0 * n, 3.0, sigma, tau, 0.0, 0.1 * n, record)
     assert expected > 0.0
-    assert rates[0] * n == pytest.approx(expected, rel=1e-12)
+    assert fastest[0] * n == pytest.approx(expected, rel=1e-12)
+    assert owed[0, 0] == pytest.approx(0.25 * fastest[0], rel=1e-12)
+    assert eroded[0, 0] - 0.1 == pytest.approx(owed[0, 0], rel=1e-12)
+    assert reached.tolist() == [[0, 1]]
     assert FRICTIONS.find("coulomb") is friction
 
 

@@ -1,23 +1,28 @@
-"""Time that an erodible bed takes of a run: a mass that slides over a bed, and the same without one, in turn.
+"""Time that an erodible bed and pore pressure take of a run: a mass that slides over a bed, wet, both or neither, in turn.
 
-    .venv/bin/python tests/benchmarks/bed_share.py --particles 30000 300000 --json bed_share.json
-    .venv/bin/python tests/benchmarks/bed_share.py --backend hash --device cuda:0 --particles 3800000 --end 4 --json bed_share.json
+    .venv/bin/python tests/benchmarks/bed_share.py --particles 30000 --json bed_share.json
+    .venv/bin/python tests/benchmarks/bed_share.py --backend hash --device cuda:0 --particles 1000000 --end 2 --repeat 1
 
-The share of the bed is the time of its updates (columns of the flow, rates, births, lowered ground) over that of all steps and
-updates, by the processor time of this process on a CPU and by wall time on a GPU. The run without a bed is another flow: its time a
-particle and substep tells what lowered ground and newborn particles cost beside the updates.
+The share of the bed is the time of its updates (columns of the flow, rates, births, lowered ground) over that of the run, by
+processor time on a CPU and by wall time on a GPU. A run with a bed is another flow, so that runs are compared by
+their time a particle and substep: its ratio to that of the dry run without a bed counts also what lowered ground and newborn
+particles cost beside the updates. The pore pressure is so small that it changes no flow. The last columns are milliseconds a
+call of the parts of an update. Medians of the repeats follow.
 """
 
 import argparse
 import json
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import runout
+from runout.backends.hash.backend import HashBackend
+from runout.backends.scan.backend import ScanBackend
 from runout.simulation.erosion import ErodingBed
 from runout.simulation.run import Run
 
@@ -28,6 +33,10 @@ SLOPE, FRICTION = 25.0, 14.0  # [deg]
 SOIL = runout.DruckerPrager(density=1900.0, friction_angle=32.0)
 BED = 1.2  # [m]
 PER_CELL = (2, 2, 2)
+BARE = "dry, bare"
+CASES = {BARE: (0.0, False), "wet, bare": (0.0, True), "dry, bed": (BED, False), "wet, bed": (BED, True)}  # depth, pore pressure
+DAMP = runout.PorePressure(ratio=1e-9, saturation=0.0, diffusivity=1e-3)
+PARTS = "node_columns", "lower", "add"
 
 
 class Watch:
@@ -75,54 +84,62 @@ def site(particles: int) -> tuple[runout.Terrain, runout.Release]:
     return terrain, runout.Release.from_array(thickness, terrain, placement="on_surface")
 
 
-def measure(watch: Watch, particles: int, end: float, bed: float, rate: float, choices: dict[str, Any]) -> dict[str, Any]:
+def measure(watch: Watch, particles: int, end: float, case: str, rate: float, choices: dict[str, Any]) -> dict[str, Any]:
     """Times, counters and sums of one run."""
     terrain, release = site(particles)
+    depth, wet = CASES[case]
+    release = replace(release, pore_pressure=DAMP) if wet else release
     watch.reset()
-    below = runout.Bed(bed, runout.RammsErosion(rate=rate)) if bed else None
     result = runout.simulate(
-        terrain,
-        release,
-        SOIL,
-        basal_friction_angle=FRICTION,
-        cell_size=CELL,
-        end_time=end,
-        bed=below,
-        stop=False,
-        particles_per_cell=PER_CELL,
-        **choices,
-    )
-    whole, spent = watch.seconds["go"], watch.seconds.get("update", np.zeros(2))
-    ledger = result.ledger
-    entrained = float(ledger["entrained_mass"][-1]) if bed else 0.0
-    released = float(ledger["mass"][0])
+        terrain, release, SOIL, basal_friction_angle=FRICTION, cell_size=CELL, particles_per_cell=PER_CELL, end_time=end,
+        stop=False, bed=runout.Bed(depth, runout.RammsErosion(rate=rate)) if depth else None, **choices,
+    )  # fmt: skip
+    clock, ledger = int(not choices["device"].startswith("cuda")), result.ledger
+    entrained = float(ledger["entrained_mass"][-1]) if depth else 0.0
+    released, whole = float(ledger["mass"][0]), watch.seconds["go"][clock]
+    born = round(entrained / released * result.n_particles)
     return {
-        "bed": bed,
+        "case": case,
         "particles": result.n_particles,
-        "born": round(entrained / released * result.n_particles),
+        "born": born,
         "substeps": result.steps,
         "updates": watch.calls.get("update", 0),
-        "births": watch.calls.get("_particles_at", 0),
-        "wall": whole[0],
-        "processor": whole[1],
-        "wall_of_bed": spent[0],
-        "processor_of_bed": spent[1],
+        "births": watch.calls.get("add", 0),
+        "time": whole,
+        "share": 100.0 * watch.seconds.get("update", np.zeros(2))[clock] / whole,
+        "each": 1e9 * whole / result.steps / (result.n_particles + 0.5 * born),
         "mass_error": abs(float(ledger["mass"][-1] + ledger["escaped_mass"][-1]) - entrained - released) / released,
+        "ms": {part: 1e3 * watch.seconds.get(part, np.zeros(2))[clock] / max(watch.calls.get(part, 0), 1) for part in PARTS},
     }
 
 
-def row_of(run: dict[str, Any], gpu: bool) -> str:
-    """A line of the table."""
-    clock = "wall" if gpu else "processor"
-    share = 100.0 * run[f"{clock}_of_bed"] / run[clock]
-    each = 1e9 * (run[clock] - run[f"{clock}_of_bed"]) / run["substeps"] / (run["particles"] + 0.5 * run["born"])
+def row_of(run: dict[str, Any], bare: float) -> str:
+    """A line of the table; ``bare`` is the time of a dry run without a bed by particle and substep [ns]."""
     return (
-        f"{run['bed']:6g} {run['particles']:10d} {run['born']:8d} {run['substeps']:8d} {run['updates']:8d} {run['births']:7d} "
-        f"{run[clock]:9.2f} {run[f'{clock}_of_bed']:9.2f} {share:7.1f} {each:9.1f} {run['mass_error']:10.1e}"
+        f"{run['case']:>12} {run['particles']:10d} {run['born']:8d} {run['substeps']:8d} {run['updates']:8d} {run['births']:7d} "
+        f"{run['time']:9.2f} {run['share']:8.2f} {run['each']:9.3f} {run['each'] / bare:7.4f} {run['mass_error']:10.1e} "
+        + " ".join(f"{run['ms'][part]:12.2f}" for part in PARTS)
     )
 
 
-HEAD = "   bed  particles     born substeps  updates  births    time s  of bed s share %     ns/ps  mass err."
+HEAD = "        case  particles     born substeps  updates  births    time s  share %     ns/ps   ratio  mass err."
+
+
+def compare(watch: Watch, particles: int, given: argparse.Namespace, choices: dict[str, Any]) -> list[dict[str, Any]]:
+    """Runs of all cases in turn; their table is printed, with medians over the repeats."""
+    runs: list[dict[str, Any]] = []
+    for turn in range(given.repeat):
+        for case in list(CASES)[:: 1 - 2 * (turn % 2)]:
+            runs.append(measure(watch, particles, given.end, case, given.rate, choices))
+    pairs = [{run["case"]: run for run in runs[first : first + len(CASES)]} for first in range(0, len(runs), len(CASES))]
+    for pair in pairs:
+        for case in CASES:
+            print(row_of(pair[case], pair[BARE]["each"]), flush=True)
+    for case in CASES:
+        ratio = np.median([pair[case]["each"] / pair[BARE]["each"] for pair in pairs])
+        share = np.median([pair[case]["share"] for pair in pairs])
+        print(f"median of {case}: ratio {ratio:.4f}, share of the bed {share:.2f} %")
+    return runs
 
 
 def main() -> None:
@@ -134,20 +151,20 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--end", type=float, default=6.0, help="simulated time [s]")
     parser.add_argument("--rate", type=float, default=0.025, help="erosion rate [m/s]")
-    parser.add_argument("--repeat", type=int, default=2, help="pairs of runs")
+    parser.add_argument("--repeat", type=int, default=2, help="runs of each case")
     parser.add_argument("--json", help="file for the numbers")
     given = parser.parse_args()
     choices = {"backend": given.backend, "device": given.device, "threads": given.threads}
-    gpu, watch, runs = given.device.startswith("cuda"), Watch(), []
-    for owner, name in ((ErodingBed, "update"), (ErodingBed, "_particles_at"), (Run, "go")):
+    watch, runs = Watch(), []
+    own = {"scan": ScanBackend, "hash": HashBackend}[given.backend]
+    for owner, name in ((ErodingBed, "update"), (Run, "go"), *((own, part) for part in PARTS)):
         watch.wrap(owner, name)
-    measure(watch, 2000, 1.0, BED, given.rate, choices)  # compiles
-    print("times are", "wall times" if gpu else "processor times", "without setup; ns/ps: without the bed, by particle and substep")
-    print(HEAD)
+    for case in CASES:
+        measure(watch, 2000, 1.0, case, given.rate, choices)  # compiles
+    print("wall times" if given.device.startswith("cuda") else "processor times", "without setup; ns/ps: by particle and substep")
+    print(HEAD, " ".join(f"{part:>12}" for part in PARTS))
     for particles in given.particles:
-        for bed in (BED, 0.0) * given.repeat:
-            runs.append(measure(watch, particles, given.end, bed, given.rate, choices))
-            print(row_of(runs[-1], gpu), flush=True)
+        runs += compare(watch, particles, given, choices)
     if given.json:
         record = {"version": runout.__version__, **choices, "end": given.end, "rate": given.rate, "runs": runs}
         Path(given.json).write_text(json.dumps(record, indent=1), encoding="utf-8")

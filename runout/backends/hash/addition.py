@@ -33,19 +33,24 @@ def require_joinable(parts: Parts, more: Sequence[tuple[int, Particles]]) -> Non
     for scene, p in more:
         require_movable(p)
         require_index_range(p.node, parts.scenes.scenes[scene].spacing, np.zeros(3, np.int64))
-    total = max(parts.store.n, len(parts.store.identity)) + sum(len(p) for _, p in more)
+    total = max(parts.store.n, parts.store.loaded) + sum(len(p) for _, p in more)
     require_particles(total, parts.scenes.scenes[0].dtype().itemsize)
 
 
-def join(parts: Parts, report: Report, accounts: Sequence[Account], more: Sequence[tuple[int, Particles]]) -> None:
-    """Add particles to scenes, and sort all; no sort is under way."""
+def join(
+    parts: Parts, report: Report, accounts: Sequence[Account], more: Sequence[tuple[int, Particles]], made: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Add particles to scenes that have made some steps (scenes,), and sort all; no sort is under way.
+
+    The host waits once, for the device status behind the sort, which is returned.
+    """
     sort.keep(parts, report)
     store, many = parts.store, sum(len(p) for _, p in more)
-    if store.n + many > store.size or len(store.identity) + many > len(store.forces):
+    if store.n + many > store.size or store.loaded + many > len(store.forces):
         _grow(parts, many)
     nodes, first = [], store.n
     for scene, p in more:
-        store.join(_packed(parts, accounts, scene, p))
+        store.join(_packed(parts, accounts, scene, p, int(made[scene])))
         _reach_farther(parts, float(p.radius.astype(parts.scenes.scenes[0].dtype).max()))
         nodes.append(np.add(p.node, (0, int(parts.scenes.shifts[scene]), 0)))
     if parts.scenes.constants.only != store.only:
@@ -54,7 +59,7 @@ def join(parts: Parts, report: Report, accounts: Sequence[Account], more: Sequen
     works = _works(parts, wp.array(np.concatenate(nodes).astype(np.int32), dtype=wp.int32), first)
     sort.enqueue(parts, *works)
     store.turn_over()
-    sort.settle(parts, lambda: works)
+    return sort.settle(parts, lambda: works)
 
 
 def _works(parts: Parts, node: wp.array, first: int) -> sort.Works:
@@ -75,10 +80,10 @@ def _works(parts: Parts, node: wp.array, first: int) -> sort.Works:
     return enter_all, number_all
 
 
-def _packed(parts: Parts, accounts: Sequence[Account], scene: int, p: Particles) -> Store:
-    """The particles on the device, packed for the time step of their scene."""
+def _packed(parts: Parts, accounts: Sequence[Account], scene: int, p: Particles, stamp: int) -> Store:
+    """The particles on the device, packed for the time step of their scene, which has made ``stamp`` steps."""
     scenes, k = parts.scenes, parts.k
-    s, stamp = scenes.scenes[scene], int(scenes.group.step_counts.numpy()[scene])
+    s = scenes.scenes[scene]
     fresh = Store(np.zeros(len(p), np.int64), scenes.number, wet=scenes.wet)
     fresh.put(slice(0, len(p)), p, int(scenes.first_release[scene]), s.spacing, s.dtype, stamp)
     fresh.key.zero_()

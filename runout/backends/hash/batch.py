@@ -151,22 +151,23 @@ class Batch:
         with self._on_device():
             if self.sorting:
                 self._settle()
-            addition.join(self.parts, self.report, self.accounts, more)
+            status = addition.join(self.parts, self.report, self.accounts, more, self.looks.made)
             for scene, p in more:
                 self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
                 self.joined.append((scene, len(p)))
                 self.looks.travelled[scene] = np.inf
-            self._note_speeds()
+            self._note_speeds(more, status["peaks"])
         self.counters.rebuilds += 1
         self.since_sort = 0
         self.report.forget()
 
-    def _note_speeds(self) -> None:
-        """Let the device know of the largest speeds of the scenes, from which contact is found."""
-        peaks = self.parts.status.peaks.numpy()
-        speeds = np.array([a.max_speed**2 for a in self.accounts])
-        if (speeds > peaks[:-1]).any():
-            peaks[:-1] = np.maximum(peaks[:-1], np.where(self.present, speeds, 0.0))
+    def _note_speeds(self, more: Sequence[tuple[int, Particles]], peaks: np.ndarray) -> None:
+        """Let the device, whose largest squared speeds are ``peaks``, know of faster ones, from which contact is found."""
+        before = peaks.copy()
+        for scene, p in more:
+            if self.present[scene]:
+                peaks[scene] = max(peaks[scene], fastest(p) ** 2)
+        if (peaks > before).any():
             self.parts.status.peaks.assign(peaks)
 
     def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:

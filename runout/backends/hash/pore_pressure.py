@@ -16,7 +16,7 @@ import warp as wp
 
 from runout.backends.hash.groups import BlockGroup, GridGroup, GroundGroup, ParticleGroup, PoreGroup, StatusGroup
 from runout.backends.hash.layout import BLOCKS, HALT, WET, Vector
-from runout.physics.heightfield import surface_at
+from runout.physics.heightfield import normal_z, surface_at
 from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
 from runout.physics.tensors import real, tens
 
@@ -93,7 +93,7 @@ def measure_layers(
     north = real(0.0)
     if over_ground != 0:
         east, north = _slopes_above(blocks, ground, b, c, h, many)
-    pores.layers[t] = layer_thickness(mass, h[0] * h[1], real(1.0), east, north)
+    pores.layers[t] = layer_thickness(mass, h[0] * h[1], real(1.0), normal_z(east, north))
 
 
 def _effective(particles: ParticleGroup, pores: PoreGroup, p: int, b: int, c: int, dt: Any):

@@ -49,8 +49,8 @@ class Store:
 
     Attributes
     ----------
-    identity : (loaded,) int
-        Of the particles as they were loaded, and of those that joined behind them.
+    loaded : int
+        Number of the particles that were loaded or have joined.
     size, n : int
         Places; places that hold a particle or one that has gone since the last sort.
     memory : (ROWS + 1, size) or (ROWS + 1 + SPARE, size)
@@ -63,7 +63,7 @@ class Store:
     """
 
     def __init__(self, identity: np.ndarray, number: Any, size: int | None = None, wet: bool = False):
-        self.identity, self.wet = identity, wet
+        self._identity, self.loaded, self.wet = identity, len(identity), wet
         self.put_releases: set[int] = set()
         self.n = size = len(identity) if size is None else size
         self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
@@ -79,6 +79,15 @@ class Store:
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.zeros(size, dtype=wp.int32)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
         self._take_turn(0)
+
+    @property
+    def identity(self) -> np.ndarray:
+        """Of the particles (loaded,) as they were loaded, and of those that joined behind them."""
+        return self._identity[: self.loaded]
+
+    @identity.setter
+    def identity(self, values: np.ndarray) -> None:
+        self._identity, self.loaded = values, len(values)
 
     @property
     def only(self) -> int:
@@ -115,7 +124,7 @@ class Store:
         """Make so many places, and room for forces and pore pressure of the numbers that may come."""
         rec, radius, by_place, n = self.rec, self.radius, (self.release, self.number, self.key), self.n
         self._make_places(places, self.memory.dtype)
-        numbers = len(self.identity) + max(places - n, places // 8)
+        numbers = self.loaded + max(places - n, places // 8)
         self.forces = _longer(self.forces, numbers)
         self.pore_left, self.pore_excess = (_longer(a, numbers * self.wet) for a in (self.pore_left, self.pore_excess))
         if not n:
@@ -127,10 +136,13 @@ class Store:
 
     def join(self, fresh: Store) -> None:
         """Take the particles of another store behind the others, into places that are free; without cells."""
-        first, loaded, many = self.n, len(self.identity), fresh.size
+        first, loaded, many = self.n, self.loaded, fresh.size
         self.n += many
         places, numbers = slice(first, first + many), slice(loaded, loaded + many)
-        self.identity = np.concatenate([self.identity, fresh.identity])
+        if len(self._identity) < loaded + many:
+            more = np.empty(many + (loaded + many) // 8, np.int64)  # also for those that come: all are copied seldom
+            self._identity = np.concatenate([self.identity, more])
+        self._identity[numbers], self.loaded = fresh.identity, loaded + many
         self.put_releases |= fresh.put_releases
         wp.copy(self.rec[:, places], fresh.rec)
         wp.copy(self.radius[places], fresh.radius)

@@ -118,12 +118,20 @@ class ScanBackend:
         self.k.change_step(self.store.particles._replace(order=slots), alone, t.moduli, real(t.packed_dt), t.constants.h)
 
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m], and the tiles of the blocks there."""
-        b, w, corner, ground = self.index.blocks, self.workspace, self.tables.constants.corner[:2], self.scene.ground
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m].
+
+        The next step cuts the tiles of the blocks there anew, unless a new index, as particles that join bring it, has cut all.
+        """
+        ground = self.scene.ground
         assert ground is not None
         ground.lower(first, depth)
+        self.lowered.append((first, depth.shape))
+
+    def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:
+        """Cut the tiles of the blocks over so many nodes from the ``first`` on."""
+        b, w, corner = self.index.blocks, self.workspace, self.tables.constants.corner[:2]
         begin = corner + 4 * b.bxyz[: b.nown, :2]
-        owners = np.flatnonzero(((begin < np.add(first, depth.shape)) & (begin + TILE_NODES > first)).all(axis=1))
+        owners = np.flatnonzero(((begin < np.add(first, shape)) & (begin + TILE_NODES > first)).all(axis=1))
         row = np.full(b.nown + 1, -1, np.int32)  # the last one stands for no block
         row[owners] = np.arange(len(owners))
         some = b._replace(nown=len(owners), bxyz=b.bxyz[owners], around=row[b.around[owners]])
@@ -131,6 +139,13 @@ class ScanBackend:
         self._cut_tiles(some, tiles)
         for values, changed in zip(w.ground, tiles, strict=True):
             values[owners] = changed
+        self._note_normals()
+
+    def _note_normals(self) -> None:
+        """Note the normals of the ground, in which layers drain."""
+        w = self.workspace
+        if w.layers:
+            self.k.note_normals(w.ground.tiles, self.tables.constants.spacing, w.layers.upward)
 
     @property
     def allowed(self) -> int:
@@ -190,12 +205,14 @@ class ScanBackend:
         b, k, t = self.index.blocks, self.k, self.tables
         schedule = Schedule.of(b, self.workers.threads)
         contacts = former.contacts if former else None
+        self.lowered: list[tuple[tuple[int, int], tuple[int, ...]]] = []
         self.workspace = w = Workspace.of(b, schedule, self.scene, t.domain, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
         if self.structures:
             self.structures.find_near(b, t.constants)
         if self.scene.ground is not None:
             self._cut_tiles(b, w.ground)
+            self._note_normals()
 
     def _cut_tiles(self, blocks: Blocks, tiles: Ground) -> None:
         """Cut the ground into the ``tiles`` of blocks."""
@@ -230,9 +247,11 @@ class ScanBackend:
             self.counters.rebuilds += 1
             self._rebuild(self.index, self.workspace)
         self._require_slots()
+        while self.lowered:
+            self._cut_lowered(*self.lowered.pop())
         clock("index")
         self._to_grid(dt, substeps)
-        grid.drain(self.k, s, self.index.blocks, self.workspace, self.tables, self.scene)
+        grid.drain(self.k, self.index.blocks, self.workspace, self.tables)
         clock("p2g")
         self._solve_contacts(time_ahead(substeps * dt, dt))
         if self.structures:

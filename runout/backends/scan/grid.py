@@ -111,12 +111,11 @@ def substep(
     return dissipated
 
 
-def drain(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, scene: Scene) -> None:
+def drain(k: SimpleNamespace, blocks: Blocks, workspace: Workspace, tables: Tables) -> None:
     """Find how fast pore pressure drains in this transfer, from the mass of the nodes; nothing in a dry scene."""
     w, c = workspace, tables.constants
     if w.layers:
-        over_ground = scene.surface is not None
-        k.thin_layers(blocks, w.arenas.reached, w.grid, w.ground.tiles, over_ground, w.layers, tables.pores, c, tables.step.dt)
+        k.thin_layers(blocks, w.arenas.reached, w.grid, w.layers, tables.pores, c, tables.step.dt)
 
 
 def pores_of(store: Store, tables: Tables, workspace: Workspace) -> Pores | tuple[()]:

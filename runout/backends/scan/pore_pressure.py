@@ -2,7 +2,8 @@
 
     grid.nodes, grid.inverse     mass of the nodes            --sum over the blocks of a column-->
     layers.areal[c, 16]          mass by area in plan of 16 columns of nodes of block column c
-      --slopes of the ground, middle column of each column of cells-->
+    layers.upward[b, 16]         upward part of the normal of the ground at the middle columns; changes with the tiles of the ground
+      --middle column of each column of cells-->
     layers.fading[b, r, 16]      share of the excess that is left after half a step, for release r in 16 columns of cells of block b
     pores.left, pores.excess     by particle, which never moves: the part that remains; the excess at the start, one number if alike
       --fading-->
@@ -23,7 +24,7 @@ from runout.backends.scan.particles_to_grid import PLAN, heads
 from runout.backends.scan.stencil import ones, zeros
 from runout.backends.scan.tile import EFFECTIVE
 from runout.model.scene import Scene
-from runout.physics.heightfield import surface_at
+from runout.physics.heightfield import normal_z, surface_at
 from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
 from runout.physics.tensors import real
 
@@ -71,6 +72,8 @@ class Layers(NamedTuple):
         Mass by area in plan of each column of nodes [kg/m2].
     fading : (nown, releases, 16) real
         As of :class:`Pores`.
+    upward : (nown, 16) real
+        Upward part of the normal of the ground [1] at the middle node above each column of the cells of a block; 1 without ground.
     """
 
     of_block: np.ndarray
@@ -78,6 +81,7 @@ class Layers(NamedTuple):
     parts: np.ndarray
     areal: np.ndarray
     fading: np.ndarray
+    upward: np.ndarray
 
 
 def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
@@ -89,7 +93,8 @@ def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
     order = np.argsort(column, kind="stable").astype(np.int32)
     start = np.searchsorted(column[order], np.arange(column.max(initial=-1) + 2))
     areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((blocks.nown, len(scene.materials), PLAN))
-    return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype))
+    upward = np.ones((blocks.nown, PLAN), scene.dtype)
+    return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype), upward)
 
 
 def _is_reached(reached, down, b):
@@ -129,13 +134,15 @@ def _sum_column(layers, reached, down, grid, k, area):
         layers.areal[k, n] = mass / area
 
 
-def _slopes_of_cell(tiles, b, c, east, north):
-    """Slopes [1] of the ground at the middle node above column ``c`` of the cells of block ``b``; east, north = dz/dx, dz/dy."""
-    o = 6 * (c >> 2) + (c & 3)
-    t = tiles[b]
-    nine = (t[o], t[o + 1], t[o + 2], t[o + 6], t[o + 7], t[o + 8], t[o + 12], t[o + 13], t[o + 14])
-    e = surface_at(nine, real(1.0), real(1.0))
-    return e[1] * east, e[2] * north
+def note_normals(tiles, h, upward):
+    """Note the ``upward`` (nown, 16) part of the normal of the ground at the middle nodes above the columns of cells of blocks."""
+    for b in prange(len(upward)):
+        t = tiles[b]
+        for c in range(PLAN):
+            o = 6 * (c >> 2) + (c & 3)
+            nine = (t[o], t[o + 1], t[o + 2], t[o + 6], t[o + 7], t[o + 8], t[o + 12], t[o + 13], t[o + 14])
+            e = surface_at(nine, real(1.0), real(1.0))
+            upward[b, c] = normal_z(e[1] * (h[2] / h[0]), e[2] * (h[2] / h[1]))
 
 
 def _areal_mass(layers, up, b, c):
@@ -146,11 +153,8 @@ def _areal_mass(layers, up, b, c):
     return layers.areal[column, 4 * (x & 3) + (y & 3)]
 
 
-def thin_layers(blocks, reached, grid, tiles, over_ground, layers, records, constants, dt):
-    """Find how much of the excess pressure is left after half a step of ``dt`` [s] in all columns of cells.
-
-    ``tiles`` are those of the ground, if the scene is ``over_ground``.
-    """
+def thin_layers(blocks, reached, grid, layers, records, constants, dt):
+    """Find how much of the excess pressure is left after half a step of ``dt`` [s] in each column of cells that holds particles."""
     fading = layers.fading
     h = constants.h
     for k in prange(len(layers.areal)):
@@ -158,12 +162,9 @@ def thin_layers(blocks, reached, grid, tiles, over_ground, layers, records, cons
     for b in prange(blocks.nown):
         for c in range(PLAN):
             if blocks.held[b] > 0 and blocks.starts[b, 4 * c + 4] > blocks.starts[b, 4 * c]:
-                east, north = real(0.0), real(0.0)
-                if over_ground:
-                    east, north = _slopes_of_cell(tiles, np.int64(b), c, h[2] / h[0], h[2] / h[1])
                 mass = _areal_mass(layers, blocks.up, b, c)
                 for r in range(len(records)):
-                    thickness = layer_thickness(mass, real(1.0), real(constants.density[r]), east, north)
+                    thickness = layer_thickness(mass, real(1.0), real(constants.density[r]), layers.upward[b, c])
                     fading[b, r, c] = remaining_share(thickness, real(0.5) * dt, records[r])
 
 
