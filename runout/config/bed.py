@@ -173,8 +173,8 @@ def wide_ratios(settings: "SiteSettings", file: Path) -> Iterator[str]:
     if settings.bed is not None and high - low > WIDE:
         yield (
             f"{stated_place(file, 'ensemble', 'parameters', PORES)}: it spans {low:.2g} to {high:.2g}; this ratio decides the "
-            f"eroded volume more than any other number, so that a span above {WIDE:g} hides the others; narrow it, or read the volumes as "
-            "their range over the members"
+            f"eroded volume more than any other number, and a span above {WIDE:g} hides the others; narrow it, or read the "
+            "volumes as their range over the members"
         )
 
 

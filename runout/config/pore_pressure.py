@@ -157,7 +157,7 @@ def sampled_pores(releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "l
 
 
 def _with_sample(pore: "PorePressure", sample: Mapping[str, float]) -> "PorePressure":
-    numbers = {n: sample[PREFIX + n] for n in NUMBERS if PREFIX + n in sample and getattr(pore, n) is not None}
+    numbers: dict[str, Any] = {n: sample[PREFIX + n] for n in NUMBERS if PREFIX + n in sample and getattr(pore, n) is not None}
     ratio = pore.ratio
     if isinstance(ratio, float) and f"{PREFIX}ratio" in sample:
         ratio = sample[f"{PREFIX}ratio"]

@@ -266,9 +266,9 @@ class Inflow:
         speed = self.peak_speed()
         if speed > LARGEST_VELOCITY:
             raise ConfigError(
-                f"{self.source}: {self.hydrograph.peak:g} m3/s over a line of {short(self.width)} m, {short(self.peak_thickness())} "
-                f"m thick, flow at {speed:.4g} m/s, at most {LARGEST_VELOCITY:g} can be computed; check the unit of the discharge, "
-                "or give a larger thickness or a wider line"
+                f"{self.source}: {self.hydrograph.peak:g} m3/s over a line of {short(self.width)} m, "
+                f"{short(self.peak_thickness())} m thick, flow at {speed:.4g} m/s, at most {LARGEST_VELOCITY:g} can be computed; "
+                "check the unit of the discharge, or give a larger thickness or a wider line"
             )
 
     def _oriented(self, vertices: np.ndarray) -> np.ndarray:

@@ -207,8 +207,8 @@ def _read_inflows(findings: Findings, site: "Site") -> None:
         findings.note(problem)
     findings.notes += [f"inflow {one.name}: {change}" for one in inflows for change in one.changes]
     findings.masses += [*findings.releases, *map(mass_at, inflows)]
-    wet = [mass for mass in (*findings.releases, *inflows) if mass.pore_pressure is not None]
-    findings.warnings += [f"{mass.name}: pore_pressure: {change}" for mass in wet for change in mass.pore_pressure.changes]
+    pores = {mass.name: mass.pore_pressure for mass in findings.masses if mass.pore_pressure}
+    findings.warnings += [f"{name}: pore_pressure: {change}" for name, pore in pores.items() for change in pore.changes]
 
 
 def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, float, float]) -> None:

@@ -155,7 +155,7 @@ def test_check_warns_of_a_line_down_the_fall_and_not_of_one_across_a_channel(tmp
 
 def test_a_discharge_too_fast_for_its_line_is_refused_with_its_remedy(tmp_path):
     folder = site_of(tmp_path / "site", series="time,discharge\n0,0\n5,9e5\n8,0\n")
-    said = r"site.yaml:\d+: inflow\[0\].line: inputs/gauge.geojson: 9e\+05 m3/s over a line of 60 m, 6 m thick, flow at 2500 m/s, "
+    said = r"site.yaml:\d+: inflow\[0\].line: inputs/gauge.geojson: 900000 m3/s over a line of 60 m, 6 m thick, flow at 2500 m/s, "
     with pytest.raises(ConfigError, match=said + r"at most 200 can be computed; check the unit of the discharge, or give a larger"):
         runout.read_site(folder).member_arguments()
 
