@@ -7,7 +7,18 @@ floods.
 
 from dataclasses import dataclass, replace
 
-from runout.quantities import ALL_QUANTITIES, ARRIVAL, ARRIVAL_PERCENTILE, CHANGE_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
+from runout.quantities import (
+    ALL_QUANTITIES,
+    ARRIVAL,
+    ARRIVAL_PERCENTILE,
+    CHANGE,
+    CHANGE_PERCENTILE,
+    ERODED,
+    FIRST_ARRIVAL,
+    QUANTITIES,
+    SHARE,
+    MapQuantity,
+)
 
 FILL = -9999.0
 PRINTED = {"Pa": ("kPa", 1000.0), "year-1": ("1/a", 1.0), "year": ("a", 1.0)}  # unit in files -> printed unit and divisor
@@ -243,7 +254,9 @@ _DIFFERENCES = {
     for name, units, what in (
         *((q.difference, q.units, q.extreme) for q in QUANTITIES.values()),
         (f"{ARRIVAL}_difference", "s", "arrival time"),
-        ("elevation_change_difference", "m", "change of elevation"),
+        (f"{CHANGE}_difference", "m", "change of elevation"),
+        (f"{ERODED}_difference", "m", "depth of the bed that the flow took up"),
+        (f"{SHARE}_difference", "1", "share of the erodible bed in the deposit"),
     )
 }
 

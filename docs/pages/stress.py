@@ -50,7 +50,7 @@ It writes the record `stress.json`; `--full` takes all runs instead of a pinned 
 Record: runout {version}, commit {commit}, backend {backend} on {device}.
 """
 MEANINGS = {
-    "mass": "relative error of mass, escaped mass and mass from a bed included",
+    "mass": "relative error of mass, escaped mass and mass from a bed or an inflow included",
     "momentum": "momentum without the impulses of gravity and ground, over its tolerance",
     "energy": "rise of the sum of all energies over the drop of potential energy",
     "speed": "speed of the fastest particle over sqrt(v0² + 2 g dz) + 2 sqrt(g H) + 5 %",

@@ -184,7 +184,10 @@ def compare(
     second: Annotated[Path, Parameter(help="What it is scored against: one of these, an outline, or points.")],
     *,
     quantity: Annotated[
-        str | None, Parameter(help="thickness, speed or another map quantity, change or arrival [default: all that both have].")
+        str | None,
+        Parameter(
+            help="thickness, speed or another map quantity, arrival, eroded_depth, change or bed_share [default: all of both]."
+        ),
     ] = None,
     threshold: Annotated[
         tuple[float, ...], Parameter(consume_multiple=True, negative="", help="Thicknesses [m], or values of --quantity.")

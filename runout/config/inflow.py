@@ -1,6 +1,6 @@
 """Inflows: their settings in site.yaml, their sampled parameters, and the reader of their files."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -115,14 +115,13 @@ def _placed_inflow(entry: InflowSettings, file: Path, terrain: "Terrain") -> "In
     """An inflow; every problem names the line of site.yaml that states its file."""
     from runout.io.hydrographs import read_hydrograph
 
-    number = partial(inflow_number, file, entry.name)
-    with _placed(file, number, "hydrograph"):
+    with placed(file, entry.name, "hydrograph"):
         series = read_hydrograph(locate(entry.hydrograph, file.parent))
-    with _placed(file, number, "line" if entry.line is not None else "polygon"):
+    with placed(file, entry.name, "line" if entry.line is not None else "polygon"):
         inflow = _inflow(entry, file, terrain, series)
     if entry.pore_pressure is None:
         return inflow
-    with stated_at(file, INFLOW, number, "pore_pressure", "ratio"):
+    with stated_at(file, INFLOW, partial(inflow_number, file, entry.name), "pore_pressure", "ratio"):
         return replace(inflow, pore_pressure=pore_pressure.made(entry.pore_pressure, file, terrain))
 
 
@@ -135,8 +134,9 @@ def _inflow(entry: InflowSettings, file: Path, terrain: "Terrain", series: Any) 
 
 
 @contextmanager
-def _placed(file: Path, number: Callable[[], int], key: str) -> Iterator[None]:
-    """Context that puts line and key of site.yaml before every problem of a file that an inflow names."""
+def placed(file: Path, name: str, key: str) -> Iterator[None]:
+    """Context that puts line and key of site.yaml before every problem of a file that the inflow of a name states."""
+    number = partial(inflow_number, file, name)
     try:
         with stated_at(file, INFLOW, number, key):
             yield

@@ -1,5 +1,6 @@
 """Pore pressure of releases: what site.yaml states, and what an ensemble samples of it."""
 
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     Mass = TypeVar("Mass", Release, Inflow)
 
+LOGGER = logging.getLogger(__name__)
 KEY = "pore_pressure"
 PREFIX = "pore_pressure_"  # of its numbers among the parameters of an ensemble
 NUMBERS = ("saturation", "diffusivity", "decay_time")
@@ -125,19 +127,24 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
     from runout.model.pore_pressure import PorePressure, RatioBlocks
 
     ratio: Any = settings.ratio
+    changes: tuple[str, ...] = ()
     if isinstance(ratio, RatioSettings) and ratio.polygons is not None:
         from runout.terrain.wet_zones import read_ratio_zones
 
         stated = ratio.model_dump(include={"ratio", *ENDS, "layer"})
         ratio = read_ratio_zones(Path(locate(ratio.polygons, file.parent)), terrain, **stated)
+        changes = ratio.changes
     elif isinstance(ratio, RatioSettings):
         ratio = RatioBlocks(**ratio.model_dump(include={"low", "high", "block"}))
     elif isinstance(ratio, str):
         from runout.terrain.friction_rasters import sampled_raster
 
         declared = Parameter("ratio", "pore pressure ratio", RATIO, None, None, None, sampled=False)
-        ratio = sampled_raster(Path(locate(ratio, file.parent)), terrain, declared)[0].T[::-1]
-    return PorePressure(ratio=ratio, **settings.model_dump(include={*NUMBERS}))
+        values, sentences, doubts = sampled_raster(Path(locate(ratio, file.parent)), terrain, declared)
+        ratio, changes = values.T[::-1], (*sentences, *doubts)
+        for change in changes:
+            LOGGER.warning("%s", change)
+    return PorePressure(ratio=ratio, changes=changes, **settings.model_dump(include={*NUMBERS}))
 
 
 def sampled_pores(releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
@@ -150,7 +157,7 @@ def sampled_pores(releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "l
 
 
 def _with_sample(pore: "PorePressure", sample: Mapping[str, float]) -> "PorePressure":
-    numbers = {n: sample[PREFIX + n] for n in NUMBERS if PREFIX + n in sample and getattr(pore, n) is not None}
+    numbers: dict[str, Any] = {n: sample[PREFIX + n] for n in NUMBERS if PREFIX + n in sample and getattr(pore, n) is not None}
     ratio = pore.ratio
     if isinstance(ratio, float) and f"{PREFIX}ratio" in sample:
         ratio = sample[f"{PREFIX}ratio"]

@@ -43,6 +43,8 @@ class Bed:
         release that takes it up. By default the ratio to which that relaxes, 0 for a dry release.
     source : str
         Where the depth is from, for messages.
+    changes : tuple of str
+        Assumptions of the reader, one sentence each.
 
     Raises
     ------
@@ -55,6 +57,7 @@ class Bed:
     density: float | None = None
     source: str = "bed"
     pore_pressure_ratio: float | None = None
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_kind(Erosion, self.erosion, f"{self.source}: erosion", EROSION_REMEDY, ConfigError)
@@ -88,7 +91,9 @@ class Bed:
 
     @classmethod
     def from_raster(cls, path: str | PathLike[str], terrain: Terrain, **choices: Any) -> "Bed":
-        """Bed whose depth [m] a raster states, on any grid in any known coordinate system; it must cover the terrain.
+        """Bed whose depth [m] a raster states, on any grid in any known coordinate system.
+
+        Cells of the terrain without a value have no bed; a sentence in ``changes`` counts them.
 
         ``choices`` are ``erosion``, ``density`` and ``pore_pressure_ratio``. ConfigError with place, value and remedy.
         """

@@ -15,12 +15,13 @@ from runout.model.facts import as_html, as_text, short
 from runout.model.limits import checked, checked_radians
 from runout.model.materials import MATERIAL_REMEDY, Material
 from runout.model.pore_pressure import PorePressure
-from runout.model.probes import CrossSection, downhill_on_the_left, vertex_problems
+from runout.model.probes import CrossSection, downhill_on_the_left, ground_at, vertex_problems
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 
 LARGEST_DISCHARGE, LARGEST_VELOCITY = 1e7, 200.0  # [m3/s], [m/s]
 SHOWN = 5  # problems of a series that a message lists
+FALLS = 8  # places along a line at which the ground must fall on
 STRIP = 2.0  # cells of the terrain that the mass of a forecast covers along the flow
 
 
@@ -243,6 +244,7 @@ class Inflow:
             if vertices.ndim != 2 or vertices.shape[1] != 2:
                 raise ConfigError(f"{self.source}: line has shape {vertices.shape}; give its vertices (n, 2) [m]")
             object.__setattr__(self, "line", self._oriented(vertices))
+            self._require_speed()
 
     def _require_laws(self) -> None:
         """Raise ConfigError if material or friction of its own are of another kind or out of range."""
@@ -258,6 +260,16 @@ class Inflow:
             what = f"{own}: basal_friction_angle"
             angle = checked_radians("basal_friction_angle", self.basal_friction_angle, what, error=ConfigError)
             object.__setattr__(self, "basal_friction_angle", angle)
+
+    def _require_speed(self) -> None:
+        """Raise ConfigError if discharge, width and thickness make a flow faster than any."""
+        speed = self.peak_speed()
+        if speed > LARGEST_VELOCITY:
+            raise ConfigError(
+                f"{self.source}: {self.hydrograph.peak:g} m3/s over a line of {short(self.width)} m, "
+                f"{short(self.peak_thickness())} m thick, flow at {speed:.4g} m/s, at most {LARGEST_VELOCITY:g} can be computed; "
+                "check the unit of the discharge, or give a larger thickness or a wider line"
+            )
 
     def _oriented(self, vertices: np.ndarray) -> np.ndarray:
         """The line with its downslope side on the left."""
@@ -361,7 +373,23 @@ class Inflow:
                 f"{self.source}: inflow {self.name} is {self.peak_thickness() / spacing[2]:.2g} cells thick at the line "
                 f"({short(self.peak_thickness())} m at most); use a smaller cell_size to resolve it"
             )
+        if self.line is not None and (along := self._fall_along()):
+            said.append(
+                f"{self.source}: the ground falls by {along:.2g} along the line of inflow {self.name}, more than across it; mass "
+                "leaves the line at a right angle, so draw it across the fall"
+            )
         return said
+
+    def _fall_along(self) -> float:
+        """Mean fall [1] of ground that falls all along the line, and more than in the direction of the flow; else 0."""
+        places, step = self.places(FALLS), max(self.terrain.cell_size) * self.direction
+        ground = ground_at(self.terrain, places)
+        across = np.nanmean(ground_at(self.terrain, places - step) - ground_at(self.terrain, places + step)) / (
+            2.0 * np.hypot(*step)
+        )
+        steps = np.diff(ground)
+        fall = abs(float(ground[-1] - ground[0])) / (self.width * (1.0 - 1.0 / FALLS))
+        return fall if ((steps < 0.0).all() or (steps > 0.0).all()) and fall > float(across) else 0.0
 
     def statement(self, spacing: tuple[float, float, float]) -> str:
         """Volume, peak, duration and resolution on a grid of ``spacing`` [m], in words."""

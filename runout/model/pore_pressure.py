@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from runout.errors import ReleaseError
 from runout.model.arrays import real_array
 from runout.model.limits import checked
+from runout.model.readers import reader
+from runout.model.terrain import Terrain
 from runout.physics import pore_pressure as formulas
 
 FIELDS = ("equilibrium", "closure", "decay_rate", "diffusion")  # of a record, see runout.physics.pore_pressure
@@ -57,6 +60,8 @@ class RatioZones:
         Instead: each zone has a ratio of its own [1], uniform from ``low`` to ``high``, which the seed of a run draws.
     elsewhere : float, optional
         Ratio [1] beyond all zones. Without it mass beyond them is refused.
+    changes : tuple of str
+        Assumptions of the reader, one sentence each.
 
     Raises
     ------
@@ -69,6 +74,7 @@ class RatioZones:
     low: float | None = None
     high: float | None = None
     elsewhere: float | None = None
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         zone = np.array(real_array(self.zone, "pore_pressure: ratio: zone", ReleaseError), np.int32)
@@ -94,6 +100,23 @@ class RatioZones:
                 )
             for ratio in np.asarray(ratios).tolist():
                 checked("pore_pressure_ratio", ratio, key="pore_pressure: ratio: ratio", error=ReleaseError)
+
+    @classmethod
+    def from_vector(
+        cls, path: str | PathLike[str], terrain: Terrain, ratio: float | str | None = None, **choices: Any
+    ) -> "RatioZones":
+        """Zones of the polygons of a vector file; a cell of the terrain belongs to the zone that covers half of it or more.
+
+        ``ratio`` [1] is that of all zones, or the name of the attribute that holds it; ``choices`` are ``low``, ``high``,
+        ``elsewhere`` and ``layer``.
+
+        Raises
+        ------
+        InputError
+            With the place, the value and the remedy.
+        """
+        zones: RatioZones = reader("RatioZones.from_vector")(path, terrain, ratio, **choices)
+        return zones
 
     @property
     def count(self) -> int:
@@ -160,6 +183,8 @@ class PorePressure:
         Of pore pressure [m2/s], above 0: it drains through the thickness of the flow, faster where this is thin (Terzaghi).
     decay_time : float, optional
         Instead: time [s], above 0, in which the excess falls to 1/e everywhere.
+    changes : tuple of str
+        Assumptions of the reader of the ratios, one sentence each.
 
     Raises
     ------
@@ -171,6 +196,7 @@ class PorePressure:
     saturation: float = 0.0
     diffusivity: float | None = None
     decay_time: float | None = None
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.diffusivity is None) == (self.decay_time is None):

@@ -8,6 +8,7 @@ import numpy as np
 
 from runout import __version__
 from runout.io.vector import outline
+from runout.quantities import SHARE
 from runout.report.html import render
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
@@ -16,7 +17,7 @@ from runout.report.values import STYLES, MapStyle
 from runout.report.vector_map import VectorMaps
 from runout.report.wording import number, unit
 from runout.scores.comparison import Comparison
-from runout.scores.flow import PEAKS, THICKNESSES, TITLES, UNITS
+from runout.scores.flow import DEPTHS, PEAKS, THICKNESSES, TITLES, UNITS
 from runout.variables import PRINTED
 
 TEMPLATE = "comparison.html.jinja"
@@ -183,11 +184,13 @@ def _style(comparison: Comparison, name: str) -> MapStyle:
     """Colours of a quantity, on one scale for both."""
     if name == "change":
         return replace(STYLES["difference"], label="change of elevation [m]")
+    if name == SHARE:
+        return STYLES["share"]
     style = STYLES["time" if name == "arrival" else name]
     known = np.concatenate([flow.maps[name].ravel() for flow in comparison.flows if name in flow.maps])
     known = known[np.isfinite(known) & (known > 0)] * style.scale
     top = float(np.percentile(known, 99)) if known.size else 0.0
-    label = "thickness normal to the slope [m]" if name in THICKNESSES and comparison.slope_normal else style.label
+    label = "thickness normal to the slope [m]" if name in DEPTHS and comparison.slope_normal else style.label
     return replace(style, top=top, label=label)
 
 

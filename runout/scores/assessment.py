@@ -11,7 +11,7 @@ from runout.scores.definitions import Pair, Score
 from runout.scores.elevation_change import change_errors, detected
 from runout.scores.energy_line import ReleasePoint
 from runout.scores.field_errors import field_errors
-from runout.scores.flow import BAR_MAPS, THICKNESSES, UNITS, Flow
+from runout.scores.flow import AT_END, BAR_MAPS, THICKNESSES, UNITS, Flow
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_errors, point_errors, values_at
@@ -159,14 +159,14 @@ def add_areas(
 def add_maps(assessment: Assessment, modelled: Flow, observed: Flow, quantity: str, setting: Setting) -> None:
     """Scores of a map against another one: its areas at all thresholds, and its values.
 
-    The volume is that of a deposit: maxima over time and percentiles over members hold none.
+    The volume is that of a deposit or of an eroded depth: maxima over time and percentiles over members hold none.
     """
     grid, units = modelled.grid, UNITS[quantity]
     for threshold in setting.thresholds:
         of = f"{quantity_name(quantity)} of {threshold:g} {units}"
         areas = modelled.area(quantity, threshold), observed.area(quantity, threshold)
         add_areas(assessment, of, grid, *areas, quantity, threshold, setting)
-    volume = quantity == "deposit" and setting.has_volume and not (modelled.is_percentile or observed.is_percentile)
+    volume = quantity in AT_END and setting.has_volume and not (modelled.is_percentile or observed.is_percentile)
     area = setting.surface if volume and setting.surface is not None else grid.cell_area
     errors = field_errors(modelled.maps[quantity], observed.maps[quantity], area)
     counts: dict[str, float] = {"cells": errors.cells, "unknown_cells": errors.unknown}

@@ -13,7 +13,7 @@ from runout.model.terrain import Terrain
 from runout.scores.assessment import Assessment, Setting, add_areas, add_arrivals, add_maps, against_observations, quantity_name
 from runout.scores.elevation_change import change_errors
 from runout.scores.energy_line import release_point
-from runout.scores.flow import THICKNESSES, UNITS, Flow
+from runout.scores.flow import DEPTHS, UNITS, Flow
 from runout.scores.grid import Grid, common_grid, placed, resampled
 from runout.scores.members import Member, Probabilities, add_brier, ranked, scored_members, valid_members
 from runout.scores.observations import Observations
@@ -24,7 +24,7 @@ from runout.scores.scoring import NO_BARS, scores_of
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
 
 DEFAULT_THRESHOLDS = (0.1, 0.5, 1.0)
-NO_AREA = ("change", "arrival")  # quantities without an area of a threshold
+NO_AREA = ("change", "bed_share", "arrival")  # quantities without an area of a threshold
 BOTH_ENSEMBLES = (
     "both are ensembles: compared are the percentiles of each cell, maps that no member has; name two members to compare flows"
 )
@@ -253,7 +253,7 @@ def _by_members(
 
 def _keys(maps: Mapping[str, np.ndarray], setting: Setting, choices: Choices) -> list[tuple[str, float]]:
     """Quantities and thresholds whose areas are scored."""
-    quantities = [name for name in maps if name in THICKNESSES or (name == choices.quantity and name not in NO_AREA)]
+    quantities = [name for name in maps if name in DEPTHS or (name == choices.quantity and name not in NO_AREA)]
     return [(name, threshold) for name in quantities for threshold in setting.thresholds]
 
 
@@ -306,7 +306,7 @@ def _flow(product: Product, grid: Grid, ground: np.ndarray | None, choices: Choi
 
 
 def _slope_normal(flow: Flow, slope: np.ndarray) -> Flow:
-    maps = {name: slope_normal_thickness(values, slope) if name in THICKNESSES else values for name, values in flow.maps.items()}
+    maps = {name: slope_normal_thickness(values, slope) if name in DEPTHS else values for name, values in flow.maps.items()}
     return replace(flow, maps=maps, probabilities={})
 
 
@@ -315,7 +315,7 @@ def _setting(
 ) -> tuple[Setting, tuple[str, ...]]:
     """Thresholds, thalweg, start of the energy line and error bars; sentences on changes to the thalweg."""
     of_site = next((one.thresholds for one in (a, b) if one.thresholds), DEFAULT_THRESHOLDS)
-    thresholds = tuple(sorted(set(choices.thresholds))) or (of_site if choices.quantity in (None, *THICKNESSES) else ())
+    thresholds = tuple(sorted(set(choices.thresholds))) or (of_site if choices.quantity in (None, *DEPTHS) else ())
     place = grid.terrain() if ground is None or not np.isfinite(ground).any() else replace(grid.terrain(), elevation=ground)
     thalweg, notes = read_thalweg(choices.thalweg, place) if choices.thalweg else (None, ())
     start = None
@@ -392,11 +392,13 @@ def _add_quantity(assessment: Assessment, a: Flow, b: Flow, quantity: str, setti
         add_arrivals(assessment, a, b, setting.bars)
     elif quantity == "change":
         limit = min(choices.thresholds, default=0.0)
+        if a.is_percentile:  # percentiles have no volume
+            return add_maps(assessment, a, b, quantity, replace(setting, thresholds=()))
         errors = change_errors(a.maps[quantity], b.maps[quantity], a.grid.cell_area, limit)
         scores = scores_of("change", "change of elevation", errors, "m", setting.bars.of_change(errors, limit))
         assessment.add("change of elevation", scores, unknown_cells=errors.change.unknown)
     else:
-        own = quantity in THICKNESSES or quantity == choices.quantity
+        own = quantity in DEPTHS or quantity == choices.quantity
         add_maps(assessment, a, b, quantity, setting if own else replace(setting, thresholds=()))
 
 

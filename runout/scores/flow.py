@@ -6,26 +6,40 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from runout.errors import ObservationError
-from runout.quantities import ARRIVAL, QUANTITIES
+from runout.quantities import ARRIVAL, BED_QUANTITIES, CHANGE, CHANGE_PERCENTILE, ERODED, QUANTITIES, SHARE
 from runout.scores.contingency import reached
 from runout.scores.grid import Grid, resampled
 
-THICKNESSES = ("thickness", "deposit")
+THICKNESSES = ("thickness", "deposit")  # of the flow
+DEPTHS = (*THICKNESSES, ERODED)  # scored at the thresholds of thickness
+AT_END = ("deposit", ERODED)  # depths whose sum is a volume
 PEAKS = tuple(name for name in QUANTITIES if name not in THICKNESSES)
 UNITS = {
     **{name: QUANTITIES[name].units for name in THICKNESSES},
     "change": "m",
+    ERODED: BED_QUANTITIES[ERODED].units,
+    SHARE: "1",
     **{name: QUANTITIES[name].units for name in PEAKS},
     "arrival": "s",
 }
 IN_FILES = {name: units.replace("m s-1", "m/s") for name, units in UNITS.items()}  # units as people write them
-TITLES = {**{name: q.extreme for name, q in QUANTITIES.items()}, "change": "change of elevation", "arrival": "arrival time"}
+TITLES = {
+    **{name: q.extreme for name, q in QUANTITIES.items()},
+    "change": "change of elevation",
+    ERODED: BED_QUANTITIES[ERODED].extreme,
+    SHARE: "share of the bed in the deposit",
+    "arrival": "arrival time",
+}
 BAR_MAPS = {name: "flow_thickness" if name == "thickness" else name for name in QUANTITIES}  # in convergence.json
 OF_MEMBER = {**{name: q.member_map for name, q in QUANTITIES.items()}, "arrival": ARRIVAL}
 OF_ENSEMBLE = {name: q.percentile for name, q in QUANTITIES.items()}
+OF_BED_MEMBER = {"change": CHANGE, ERODED: ERODED, SHARE: SHARE}  # only where there is an erodible bed
+OF_BED_ENSEMBLE = {"change": CHANGE_PERCENTILE, ERODED: BED_QUANTITIES[ERODED].percentile}
 DIFFERENCES = {
     **{name: q.difference for name, q in QUANTITIES.items()},
-    "change": "elevation_change_difference",
+    "change": f"{CHANGE}_difference",
+    ERODED: BED_QUANTITIES[ERODED].difference,
+    SHARE: f"{SHARE}_difference",
     "arrival": f"{ARRIVAL}_difference",
 }
 

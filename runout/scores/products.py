@@ -19,7 +19,7 @@ from runout.io.units import OTHER_UNITS, factor_to, is_stated
 from runout.model.terrain import Terrain
 from runout.quantities import ARRIVAL_PERCENTILE, QUANTITIES
 from runout.scores.error_bars import ErrorBars
-from runout.scores.flow import IN_FILES, OF_ENSEMBLE, OF_MEMBER, TITLES, Flow, percentile_of
+from runout.scores.flow import IN_FILES, OF_BED_ENSEMBLE, OF_BED_MEMBER, OF_ENSEMBLE, OF_MEMBER, TITLES, Flow, percentile_of
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.points import arrival_or_never
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 VECTORS = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".gdb")
-NAMED = {name: name for name in (*QUANTITIES, "arrival", "change") if name != "thickness"}  # by words of the names of files
+NAMED = {name: name for name in (*QUANTITIES, "arrival", *OF_BED_MEMBER) if name != "thickness"}  # by words of the names of files
 NAMED |= {"deposits": "deposit", "deposition": "deposit", "velocity": "speed", "dod": "change"}
 THICK = {"thickness", "depth", "flow"}  # a flow's, unless another word is there
 OTHER = {"probability", "exceedance", "error", "difference"}  # maps of which no score is made
@@ -191,7 +191,9 @@ def _of_netcdf(path: Path, reading: Reading) -> Product:
 
 def _of_ensemble(path: Path, hazard: "xr.Dataset", reading: Reading) -> Product:
     percentile = percentile_of(reading.probability, hazard["percentile"].values, str(path))
-    maps = {q: hazard[name].sel(percentile=percentile).values for q, name in OF_ENSEMBLE.items() if name in hazard}
+    maps = {
+        q: hazard[name].sel(percentile=percentile).values for q, name in (OF_ENSEMBLE | OF_BED_ENSEMBLE).items() if name in hazard
+    }
     if ARRIVAL_PERCENTILE in hazard and reading.probability == 0.5:
         maps["arrival"] = arrival_or_never(hazard[ARRIVAL_PERCENTILE].sel(percentile=percentile).values, maps["thickness"])
     levels = hazard["thickness_threshold"].values.tolist()
@@ -209,7 +211,7 @@ def _of_ensemble(path: Path, hazard: "xr.Dataset", reading: Reading) -> Product:
 
 def member_product(path: Path, member: "xr.Dataset") -> Product:
     """Maps of a member as a product, without the ground of its site."""
-    maps = {q: member[name].values.astype(np.float64) for q, name in OF_MEMBER.items() if name in member}
+    maps = {q: member[name].values.astype(np.float64) for q, name in (OF_MEMBER | OF_BED_MEMBER).items() if name in member}
     if "arrival" in maps:
         maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
     return Product(path, "member", Flow(Grid.of_dataset(member, str(path)), maps))

@@ -14,7 +14,7 @@ from runout.io.polygon_reproject import polygons_on_terrain
 from runout.io.polygons import PolygonLayer, read_frame, read_polygons
 from runout.model.terrain import Terrain
 from runout.quantities import QUANTITIES
-from runout.scores.flow import IN_FILES, OF_MEMBER
+from runout.scores.flow import IN_FILES, OF_BED_MEMBER, OF_MEMBER
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.thalweg import Thalweg
@@ -58,7 +58,8 @@ def read_map(
     ObservationError
         Missing or unreadable file, several bands, no georeference, rotated, or negative values where there are none.
     """
-    of_runout = [OF_MEMBER[quantity]] if quantity in OF_MEMBER else []
+    of_member = OF_MEMBER | OF_BED_MEMBER
+    of_runout = [of_member[quantity]] if quantity in of_member else []
     of_runout += [QUANTITIES[quantity].stem] if quantity in QUANTITIES else []
     shown = Quantity(quantity, IN_FILES[quantity], ObservationError, (quantity, *of_runout, "band1"))
     with observation_errors(), open_source(path, shown) as source:

@@ -29,7 +29,7 @@ def read_bed_polygons(
     """Bed of :meth:`runout.Bed.from_vector`; cells that an outline cuts have the covered share of the depth."""
     source = Path(path)
     try:
-        polygons = read_polygons(source, terrain, layer)
+        polygons = read_polygons(source, terrain, layer, "bed")
         depths = polygons.stated(depth, "bed_depth", "depth")
         separate, overlaps = without_overlap(polygons, depths, "depth")
     except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
@@ -39,9 +39,10 @@ def read_bed_polygons(
         raise InputError(
             f"{source}: no polygon of the bed lies on the terrain {terrain.source}; check the coordinate system of both"
         )
-    for change in (*polygons.changes, *overlaps):
+    changes = (*polygons.changes, *overlaps)
+    for change in changes:
         log.warning(change)
-    return Bed(weighted.T[::-1], erosion or default_erosion(), density, str(source), pore_pressure_ratio)
+    return Bed(weighted.T[::-1], erosion or default_erosion(), density, str(source), pore_pressure_ratio, changes)
 
 
 def read_bed_raster(
@@ -49,9 +50,13 @@ def read_bed_raster(
     pore_pressure_ratio: float | None = None,
 ) -> Bed:  # fmt: skip
     """Bed of :meth:`runout.Bed.from_raster`; each cell of the terrain has the depth of the cell of the raster at its centre."""
-    values, changes, doubts = sampled_raster(Path(path), terrain, DEPTH)
-    for change in (*changes, *doubts):
+    values, sentences, doubts = sampled_raster(Path(path), terrain, DEPTH)
+    depth = values.T[::-1]
+    missing = int((np.isnan(depth) & np.isfinite(terrain.elevation)).sum())
+    blank = [f"{path}: {missing} of {depth.size} cells of the terrain have no value; they have no bed"] if missing else []
+    changes = (*sentences, *doubts, *blank)
+    for change in changes:
         log.warning(change)
-    if not (np.nan_to_num(values) > 0).any():
+    if not (np.nan_to_num(depth) > 0).any():
         raise InputError(f"{path}: depth of the bed is 0 on all cells of the terrain; check the raster, or remove the bed")
-    return Bed(np.nan_to_num(values).T[::-1], erosion or default_erosion(), density, str(path), pore_pressure_ratio)
+    return Bed(depth, erosion or default_erosion(), density, str(path), pore_pressure_ratio, changes)

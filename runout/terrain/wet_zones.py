@@ -1,6 +1,7 @@
 """Reads zones of pore pressure ratios from polygons."""
 
 import logging
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -18,27 +19,13 @@ LEAST_COVER = 0.5  # share of a cell that a zone covers at least
 
 
 def read_ratio_zones(
-    path: Path, terrain: Terrain, ratio: float | str | None = None, *, low: float | None = None, high: float | None = None,
-    elsewhere: float | None = None, layer: str | None = None,
+    path: str | PathLike[str], terrain: Terrain, ratio: float | str | None = None, *, low: float | None = None,
+    high: float | None = None, elsewhere: float | None = None, layer: str | None = None,
 ) -> RatioZones:  # fmt: skip
-    """Zones of the polygons of a vector file; a cell of the terrain belongs to the zone that covers half of it or more.
-
-    Parameters
-    ----------
-    ratio : float or str, optional
-        Ratio [1] of all zones, or the name of the attribute that holds it.
-    low, high, elsewhere : float, optional
-        As in :class:`runout.model.pore_pressure.RatioZones`.
-    layer : str, optional
-        Needed if the file has several.
-
-    Raises
-    ------
-    InputError
-        With the place, the value and the remedy.
-    """
+    """Zones of :meth:`runout.RatioZones.from_vector`."""
+    path = Path(path)
     try:
-        polygons = read_polygons(path, terrain, layer, "zone of pore pressure")
+        polygons = read_polygons(path, terrain, layer, "pore pressure zone")
         stated = None if ratio is None else polygons.stated(ratio, "pore_pressure_ratio", "ratio")
         numbers = np.arange(len(polygons.polygons), dtype=np.float64)  # those that draw a ratio differ
         told = [f"zone {int(number) + 1}" for number in numbers] if stated is None else None
@@ -51,11 +38,12 @@ def read_ratio_zones(
             f"{path}: no polygon covers half of a cell of the terrain {terrain.source}; check the coordinate system of both"
         )
     empty = [str(polygons.number(k)) for k in range(len(separate)) if not (zone == k).any()]
-    for sentence in (*polygons.changes, *overlaps, *_of_empty(path, empty)):
-        log.warning(sentence)
+    changes = (*polygons.changes, *overlaps, *_of_empty(path, empty))
+    for change in changes:
+        log.warning(change)
     last = int(zone.max()) + 1
     values: Any = ratio if stated is None or not isinstance(ratio, str) else stated[:last]
-    return RatioZones(zone=zone, ratio=values, low=low, high=high, elsewhere=elsewhere)
+    return RatioZones(zone=zone, ratio=values, low=low, high=high, elsewhere=elsewhere, changes=changes)
 
 
 def _zones_of_cells(separate: np.ndarray, terrain: Terrain) -> np.ndarray:

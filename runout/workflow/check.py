@@ -207,16 +207,20 @@ def _read_inflows(findings: Findings, site: "Site") -> None:
         findings.note(problem)
     findings.notes += [f"inflow {one.name}: {change}" for one in inflows for change in one.changes]
     findings.masses += [*findings.releases, *map(mass_at, inflows)]
+    pores = {mass.name: mass.pore_pressure for mass in findings.masses if mass.pore_pressure}
+    findings.warnings += [f"{name}: pore_pressure: {change}" for name, pore in pores.items() for change in pore.changes]
 
 
 def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, float, float]) -> None:
     """Refuse lines narrower than a cell; warn of what does not enter, and of flows thinner than a cell at the line."""
+    from runout.config.inflow import placed
     from runout.config.member_arguments import sampled_inflows
     from runout.release.inlet import require_wide
 
     for one in sampled_inflows(site.settings, site.files.inflows().content):
         try:
-            require_wide(one, spacing)
+            with placed(site.file, one.name, "polygon" if one.line is None else "line"):
+                require_wide(one, spacing)
         except ConfigError as error:
             findings.note(error)
         findings.warnings += one.sentences(site.settings.simulation.end_time, spacing)
@@ -254,6 +258,7 @@ def _read_probes(findings: Findings, site: "Site", terrain: "Terrain") -> None:
 
 def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the bed, and warn of what excavated releases cut off and of a depth that particles do not resolve."""
+    from runout.config.bed import wide_ratios
     from runout.config.member_arguments import default_particles
     from runout.release.sample import particles_per_axis
 
@@ -268,7 +273,8 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     stated: Any = site.settings.simulation.particles_per_cell
     count: Any = default_particles(site.settings, site.data(), size) if stated is None else stated
     per_cell = math.prod(map(float, particles_per_axis(tuple(count) if isinstance(count, list) else count)))
-    findings.warnings += bed.sentences(terrain, findings.releases, size, math.prod(size) / per_cell)
+    findings.warnings += [*bed.changes, *bed.sentences(terrain, findings.releases, size, math.prod(size) / per_cell)]
+    findings.warnings += wide_ratios(site.settings, site.file)
 
 
 def _inspect_classes(findings: Findings, site: "Site") -> None:

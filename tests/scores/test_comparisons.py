@@ -48,7 +48,7 @@ def layer(path, *geometries, **attributes):
 @pytest.mark.parametrize(
     ("choices", "said"),
     [
-        ({"quantity": "depth"}, "--quantity is 'depth'; choose one of thickness, deposit, change, speed"),
+        ({"quantity": "depth"}, "--quantity is 'depth'; choose one of thickness, deposit, change, eroded_depth, bed_share, speed"),
         ({"probability": 0.0}, "--probability is 0; it must be above 0 and below 1"),
         ({"probability": 1.0}, "--probability is 1; it must be above 0 and below 1"),
         ({"thresholds": (1.0, 0.0)}, "--threshold is 0; it must be above 0"),

@@ -44,11 +44,13 @@ def test_halves_choose_on_one_half_and_judge_on_the_other():
     assert (first["error_fitted"], first["error"]) == (0.0, 21.0)
     assert (second["error_fitted"], second["error"], second["least"]) == (0.0, 7.0, 0.0)
     assert second["error_of_several"] == pytest.approx(3.5)
+    assert (second["fitted_several"], second["least_several"], second["most_several"]) == (21.0, 0.0, 7.0)
 
 
-def test_numbers_are_drawn_within_their_ranges_and_cover_them():
-    jobs = cascades_2021_fit.drawn("runout", cascades_2021_fit.RANGES, 64)
-    for name, (low, high) in cascades_2021_fit.RANGES.items():
+@pytest.mark.parametrize("ranges", [cascades_2021_fit.RANGES, cascades_2021_fit.WIDER_RANGES])
+def test_numbers_are_drawn_within_their_ranges_and_cover_them(ranges):
+    jobs = cascades_2021_fit.drawn("runout", ranges, 64)
+    for name, (low, high) in ranges.items():
         values = np.array([job.numbers[name] for job in jobs])
         assert low <= values.min() < low + 0.1 * (high - low)
         assert high - 0.1 * (high - low) < values.max() <= high

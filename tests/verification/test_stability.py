@@ -22,6 +22,7 @@ REFUSED = {  # pinned trials that must be refused, and words of the reason
     "friction_angle = 0.0": "no strength",
     "pore_ratio = 0.98": "at most 0.97",
     "bed_depth = 1.0, erosion = ramms, erosion_numbers = (('rate', 0.5),), bed_ratio = 0.98": "at most 0.97",
+    "inflow_thickness = 1.0, inflow_speed = 201.0": "at most 200",
 }
 
 
@@ -58,7 +59,7 @@ def test_mass_that_its_own_weight_would_crush_is_refused_with_the_modulus_it_nee
 def watched(steps=4, **choices):
     """A watch over a short run, and its backend."""
     layout = Layout(per_cell=(1, 1, 1), **choices)
-    scene, particles, _ = layout.built()
+    scene, particles, _, _ = layout.built()
     engine = get_backend("reference")
     engine.load(scene, particles)
     watch = Watch(layout, scene, particles, engine.ledger())
@@ -105,7 +106,7 @@ def test_judge_notices_a_broken_invariant(words, row, particles):
 
 def test_judge_notices_a_bed_that_gives_more_than_it_holds():
     layout = Layout(per_cell=(1, 1, 1), bed_depth=0.5)
-    scene, particles, bed = layout.built()
+    scene, particles, bed, _ = layout.built()
     engine = get_backend("reference")
     engine.load(scene, particles)
     watch = Watch(layout, scene, particles, engine.ledger(), bed)
@@ -168,3 +169,21 @@ def test_record_page_and_exit_code_tell_what_failed(tmp_path, monkeypatch):
 def test_a_backend_or_device_that_is_not_there_is_no_refused_trial(backend, device):
     with pytest.raises(RunoutError, match=backend if backend == "bogus" else device):
         stability_stress.command(None, False, backend, device)
+
+
+def test_judge_notices_mass_and_momentum_that_an_inflow_did_not_bring():
+    layout = Layout(per_cell=(1, 1, 1), inflow_thickness=1.0, steps=60, youngs_modulus=1e6)
+    assert attempt("inflow", layout, "reference").verdict == "survived"
+    scene, particles, bed, entering = layout.built()
+    engine = get_backend("reference")
+    engine.load(scene, particles)
+    entering.begin(scene, len(particles), None, 0.0)
+    watch = Watch(layout, scene, particles, engine.ledger(), bed, entering)
+    watch.enter(engine, 1.0)
+    assert entering.entered.mass > 0.1 * watch.first.mass
+    watch.look(engine)
+    assert watch.broken == []
+    entering.entered.mass += 1.0
+    watch.entered_momentum[0] += 100.0
+    watch.look(engine)
+    assert {reason.split()[0] for reason in watch.broken} >= {"mass", "momentum"}

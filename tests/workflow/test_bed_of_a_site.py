@@ -124,6 +124,24 @@ def test_check_names_what_a_bed_loses_and_does_not_resolve(tmp_path):
     assert "thinner than one particle (1.25 m)" in said[1]
 
 
+def test_check_counts_cells_without_a_depth_and_names_a_wide_range_of_the_ratio(tmp_path):
+    sampled = "    bed_pore_pressure_ratio: {distribution: uniform, low: 0.3, high: HIGH}\nhazard:"
+    text = WITH_BED.replace("depth: 1.2", "depth: inputs/bed.tif").replace("hazard:", sampled)
+    text = text.replace("depth: inputs/bed.tif\n", "depth: inputs/bed.tif\n  pore_pressure: {ratio: 0.5}\n")
+    depth = np.full((ROWS, COLUMNS), 3.0)
+    depth[:, :4] = np.nan
+    folder = write_site(tmp_path / "site", text.replace("HIGH", "0.7"))
+    write_raster(folder / "inputs" / "bed.tif", depth)
+    said = inspect(folder).warnings
+    assert f"inputs/bed.tif: {4 * ROWS} of {ROWS * COLUMNS} cells of the terrain have no value; they have no bed" in said
+    (wide,) = [warning for warning in said if "bed_pore_pressure_ratio: it spans 0.3 to 0.7" in warning]
+    assert re.match(r"site.yaml:\d+: ensemble.parameters.bed_pore_pressure_ratio: ", wide)
+    assert wide.endswith("narrow it, or read the volumes as their range over the members")
+    (folder / "site.yaml").write_text(text.replace("HIGH", "0.6"))
+    write_raster(folder / "inputs" / "bed.tif", np.nan_to_num(depth, nan=3.0))
+    assert not [warning for warning in inspect(folder).warnings if "it spans" in warning or "have no bed" in warning]
+
+
 def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     """The change of elevation of a member is bulking times deposit, minus release and eroded depth; its volume balances."""
     folder = write_site(tmp_path / "site", MAPPED + "observations: {difference: {raster: inputs/dod.tif}}\n")

@@ -15,6 +15,7 @@ from ramp_site import CELL, NORTH, WEST, member_file, ramp, write_raster
 from rasterio.transform import from_origin
 from rasterio.warp import calculate_default_transform, reproject
 
+import runout
 from runout import cli
 from runout.errors import ExitCode
 from runout.io import netcdf
@@ -347,3 +348,57 @@ def test_error_bars_of_the_site_stand_beside_the_scores(finished_site, members, 
     finally:
         bars.unlink()
     assert re.search(r"CSI [\d.]+ \+- 0\.\d+, POD", found["flow of 0.1 m"])
+
+
+def bed_run(path, depth):
+    """File of a run over an erodible bed of a depth [m]."""
+    z = np.broadcast_to(-0.5 * CELL * np.minimum(np.arange(30), 20), (12, 30)).copy()
+    terrain = runout.Terrain.from_array(z, CELL, crs=UTM, origin=(WEST, NORTH))
+    thickness = np.zeros(z.shape)
+    thickness[4:8, 3:8] = 3.0
+    result = runout.simulate(
+        terrain,
+        runout.Release.from_array(thickness, terrain),
+        runout.DruckerPrager(density=2000.0, youngs_modulus=2e6, friction_angle=32.0),
+        basal_friction_angle=15.0,
+        bed=runout.Bed(depth, runout.RammsErosion(rate=0.1, depth_per_stress=2e-4)),
+        cell_size=CELL,
+        end_time=15.0,
+    )
+    result.to_netcdf(path)
+    return result.maps
+
+
+def test_runs_over_a_bed_are_compared_by_eroded_depth_change_and_share_of_the_bed(tmp_path, capsys):
+    one, other = (bed_run(tmp_path / f"bed_{depth}.nc", depth) for depth in (2.0, 0.5))
+    out = tmp_path / "out"
+    code = cli.main(["-q", "--out", str(out), "compare", str(tmp_path / "bed_2.0.nc"), str(tmp_path / "bed_0.5.nc")])
+    assert code == ExitCode.OK
+    lines = dict(line.split(": ", 1) for line in capsys.readouterr().out.splitlines())
+    eroded = [maps["eroded_depth"].values.astype(float) for maps in (one, other)]
+    assert eroded[0].sum() > 1.2 * eroded[1].sum() > 0.0
+    record = json.loads((out / "comparison.json").read_text())
+    values = {(score["of"], score["name"]): score["value"] for score in record["scores"]}
+    bias = eroded[0].sum() / eroded[1].sum()
+    assert values["eroded_depth, whole map", "volume_bias"] == pytest.approx(bias, rel=1e-5)
+    counts = record["counts"]["eroded_depth, whole map"]
+    assert counts["modelled_volume_m3"] == pytest.approx(eroded[0].sum() * CELL**2, rel=1e-5)
+    masks = [depth >= np.float32(0.1) for depth in eroded]
+    assert values["eroded_depth of 0.1 m", "csi"] == pytest.approx((masks[0] & masks[1]).sum() / (masks[0] | masks[1]).sum())
+    assert {"change of elevation", "bed_share, whole map"} <= lines.keys()
+    for name, map_name in (("eroded_depth", "eroded_depth"), ("elevation_change", "elevation_change"), ("bed_share", "bed_share")):
+        with rasterio.open(out / f"{name}_difference.tif") as file:
+            difference = one[map_name].values - other[map_name].values
+            np.testing.assert_allclose(file.read(1, masked=True).filled(np.nan), difference, atol=1e-5)
+    page = (out / "comparison.html").read_text()
+    assert "Eroded depth: difference" in page
+    assert "Share of the bed in the deposit: difference" in page
+
+
+def test_a_raster_named_after_the_bed_is_not_taken_as_thickness_of_the_flow(tmp_path, capsys):
+    maps = bed_run(tmp_path / "run.nc", 1.0)
+    write_cog(maps, "eroded_depth", tmp_path / "eroded_depth.tif")
+    code, lines, _ = compare(capsys, tmp_path / "run.nc", tmp_path / "eroded_depth.tif")
+    assert code == ExitCode.OK
+    assert {line.split(",")[0].split(" of ")[0] for line in lines} == {"eroded_depth"}
+    assert scores(lines["eroded_depth, whole map"])["RMSE"] == pytest.approx(0.0, abs=1e-6)

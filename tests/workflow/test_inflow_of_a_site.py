@@ -143,6 +143,28 @@ def test_files_that_cannot_be_used_are_refused_with_their_setting(tmp_path, inpu
     assert len(found.problems) == 1
 
 
+def test_check_warns_of_a_line_down_the_fall_and_not_of_one_across_a_channel(tmp_path):
+    down = site_of(tmp_path / "down", line=[[X, Y], [X + 60.0, Y + 5.0]])
+    (said,) = [warning for warning in inspect(down).warnings if "along the line" in warning]
+    assert re.search(
+        r"inputs/gauge.geojson: the ground falls by 0.5[78] along the line of inflow gauge.* draw it across the fall", said
+    )
+    oblique = site_of(tmp_path / "oblique", line=[[X, Y], [X + 30.0, Y + 40.0]])  # nearer to the contour than to the fall
+    assert not [warning for warning in inspect(oblique).warnings if "along the line" in warning]
+
+
+def test_a_discharge_too_fast_for_its_line_is_refused_with_its_remedy(tmp_path):
+    folder = site_of(tmp_path / "site", series="time,discharge\n0,0\n5,9e5\n8,0\n")
+    said = r"site.yaml:\d+: inflow\[0\].line: inputs/gauge.geojson: 900000 m3/s over a line of 60 m, 6 m thick, flow at 2500 m/s, "
+    with pytest.raises(ConfigError, match=said + r"at most 200 can be computed; check the unit of the discharge, or give a larger"):
+        runout.read_site(folder).member_arguments()
+
+
+def test_a_line_narrower_than_a_cell_is_named_by_its_key(tmp_path):
+    (said,) = inspect(site_of(tmp_path / "site", line=[[X, Y - 1.0], [X, Y + 1.0]])).problems
+    assert re.match(r"site.yaml:\d+: inflow\[0\].line: inputs/gauge.geojson: the line of inflow gauge is 2 m wide", said)
+
+
 def test_check_says_volume_peak_and_resolution(tmp_path, capsys):
     assert cli.main(["check", str(site_of(tmp_path / "site"))]) == ExitCode.OK
     said = " ".join(capsys.readouterr().out.split())

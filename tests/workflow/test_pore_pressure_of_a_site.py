@@ -10,13 +10,12 @@ import pytest
 from ramp_site import CELL, NORTH, SITE, WEST, slab, write_raster, write_site
 
 import runout
-from runout import PorePressure
+from runout import PorePressure, RatioZones
 from runout.config.parameter_variables import parameter_variable
 from runout.errors import ConfigError, InputError, ReleaseError
 from runout.forecast.memory import expected_extent, pore_bytes
 from runout.forecast.stiffness import chosen_moduli
 from runout.model.numerics import Numerics
-from runout.model.pore_pressure import RatioZones
 from runout.simulation.scenario import build_scene
 from runout.workflow.check import inspect
 from runout.workflow.check_physics import least_friction
@@ -143,6 +142,30 @@ def test_ratios_of_zones_are_sampled_and_drawn_by_the_seed(tmp_path):
     assert (pores_of(site).lowest, pores_of(site).highest) == (0.2, 0.9)
     drawn = particles_of(site, {"seed": 1, "pore_pressure_ratio_low": 0.9})[0]
     assert drawn == pytest.approx(0.9)
+
+
+def test_zones_are_read_in_python_as_in_a_site(tmp_path):
+    folder, _ = write_zoned(tmp_path / "site", zoned("ratio: water, elsewhere: 0.1"))
+    terrain = runout.read_site(folder).terrain()
+    zones = RatioZones.from_vector(folder / "inputs" / "wet.geojson", terrain, "water", elsewhere=0.1)
+    np.testing.assert_array_equal(zones.on_cells((0,)), pores_of(runout.read_site(folder)).ratio.on_cells((0,)))
+    assert set(np.unique(zones.on_cells((0,)))) == {0.1, 0.3, 0.8}
+    with pytest.raises(InputError, match=r"wet.geojson: no attribute 'lambda' for the ratio"):
+        RatioZones.from_vector(folder / "inputs" / "wet.geojson", terrain, "lambda")
+
+
+def test_check_says_what_readers_of_ratios_assumed(tmp_path):
+    folder = write_site(tmp_path / "raster", with_pores("{ratio: inputs/ratio.tif, decay_time: 5}"))
+    write_raster(folder / "inputs" / "ratio.tif", np.where(slab() > 0, 0.5, 0.4), crs=None)
+    (said,) = [warning for warning in inspect(folder).warnings if "ratio.tif" in warning]
+    assert said.startswith("slab: pore_pressure: inputs/ratio.tif states no coordinate system; taken to be in the terrain's")
+    folder, _ = write_zoned(tmp_path / "zones", zoned("ratio: 0.5"))
+    text = json.loads((folder / "inputs" / "wet.geojson").read_text())
+    far = [[[x + 1e4, y] for x, y in text["features"][0]["geometry"]["coordinates"][0]]]
+    text["features"].append({"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": far}})
+    (folder / "inputs" / "wet.geojson").write_text(json.dumps(text))
+    (said,) = [warning for warning in inspect(folder).warnings if "wet.geojson" in warning]
+    assert said.startswith("slab: pore_pressure: inputs/wet.geojson: zones 3 cover no cell of the terrain to a half")
 
 
 def test_mass_beyond_all_zones_and_zones_beside_the_mass_are_told(tmp_path):

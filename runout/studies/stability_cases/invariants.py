@@ -9,11 +9,12 @@ from runout.model.nodal_surface import NodalSurface
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.release import stagger
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed
 from runout.studies.stability_cases.layout import EDGE, NARROW, Layout
 
 LIMITS = {  # largest measured value
-    "mass": 1e-12,  # relative change of mass, including escaped mass and that from a bed
+    "mass": 1e-12,  # relative change of mass, including escaped mass and that from a bed or an inflow
     "momentum": 1.0,  # defect over its tolerance
     "energy": 1e-3,  # rise of all energy over the drop of potential energy
     "speed": 1.0,  # of a particle over its bound
@@ -38,6 +39,8 @@ class Watch:
     start: Particles
     first: LedgerRow
     bed: ErodingBed | None = None
+    entering: Entering | None = None
+    entered_momentum: np.ndarray = field(default_factory=lambda: np.zeros(3))  # [N s]
     worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LIMITS, 0.0))
     weight: np.ndarray = field(default_factory=lambda: np.zeros(3))  # impulse of gravity so far [N s]
     steps: int = 0
@@ -49,14 +52,23 @@ class Watch:
     moving: float = 0.0  # and to the velocities that led there [J]
 
     def ledger(self, engine: Backend) -> LedgerRow:
-        """Sums since the start, those of a bed included."""
+        """Sums since the start, those of a bed and an inflow included."""
         row = engine.ledger()
-        return self.bed.ledger(row) if self.bed else row
+        row = self.bed.ledger(row) if self.bed else row
+        return self.entering.ledger(row) if self.entering else row
+
+    def enter(self, engine: Backend, time: float) -> None:
+        """Let the inflow give what is due at a ``time`` [s], and book its momentum."""
+        assert self.entering is not None
+        before = engine.ledger().momentum
+        self.entering.update(engine, time, self.bed.born if self.bed else 0)
+        self.entered_momentum += engine.ledger().momentum - before
 
     def passed(self, seconds: float) -> None:
         """Count the impulse of gravity on all mass that is there for some ``seconds`` [s]."""
         entrained = self.bed.booked.entrained_mass if self.bed else 0.0
-        self.weight += seconds * (self.first.mass + entrained) * np.array(self.scene.gravity)
+        entered = self.entering.entered.mass if self.entering else 0.0
+        self.weight += seconds * (self.first.mass + entrained + entered) * np.array(self.scene.gravity)
 
     def look(self, engine: Backend) -> bool:
         """Update the invariants with the present state; False if it is not finite."""
@@ -98,13 +110,13 @@ class Watch:
 
     def _budget(self, row: LedgerRow) -> None:
         first = self.first
-        self._keep("mass", abs(row.mass + row.escaped_mass - row.entrained_mass - first.mass) / first.mass)
+        self._keep("mass", abs(row.mass + row.escaped_mass - row.entrained_mass - row.entered_mass - first.mass) / first.mass)
         if row.escaped_mass == 0.0:
-            defect = row.momentum - first.momentum - self.weight - row.basal_impulse
+            defect = row.momentum - first.momentum - self.weight - row.basal_impulse - self.entered_momentum
             scale = np.abs(row.momentum).max() + np.abs(self.weight).max() + np.abs(row.basal_impulse).max()
             tolerance = (1e-10 if self.scene.precision == "float64" else 1e-5) * scale
             self._keep("momentum", float(np.abs(defect).max() / max(tolerance, np.finfo(float).tiny)))
-        potential = row.potential_energy - row.entrained_energy
+        potential = row.potential_energy - row.entrained_energy - row.entered_energy
         self.stored = potential + row.elastic_energy + row.escaped_energy + row.plastic_dissipation
         self.moving = _moving(row) + row.structure_dissipation
         self.drop = max(self.drop, first.potential_energy - potential - row.escaped_energy)
@@ -122,6 +134,13 @@ class Watch:
             rises.append(self.stored + moving - self.lowest[k])
         self.rise = max(self.rise, min(rises))
 
+    def _fastest_start(self) -> float:
+        """Largest speed [m/s] that mass has at the start or when it enters, the push of the flow upstream included."""
+        if not self.entering:
+            return self.layout.speed
+        push = np.sqrt(STANDARD_GRAVITY * self.layout.inflow_thickness * self.layout.h)  # k at most 1, see runout.simulation.inflow
+        return max(self.layout.speed, self.layout.inflow_speed + float(push))
+
     def _within(self, bed: ErodingBed) -> None:
         """Keep the depth by which nodes are eroded below their bed, with and without particles that were born early."""
         spacing = self.scene.spacing
@@ -130,12 +149,12 @@ class Watch:
         self._keep("bed", float(beyond.max()) / min(spacing))
 
     def _bounds(self, p: Particles, row: LedgerRow) -> None:
-        h, g, v0 = np.array(self.scene.spacing), STANDARD_GRAVITY, self.layout.speed
+        h, g, v0 = np.array(self.scene.spacing), STANDARD_GRAVITY, self._fastest_start()
         z, before = p.position(h)[:, 2], self.start.position(h)[:, 2]
-        height = self.layout.thickness * self.layout.h
+        height = max(self.layout.thickness, self.layout.inflow_thickness) * self.layout.h
         bound = 1.05 * (np.sqrt(v0**2 + 2 * g * max(before.max() - z.min(), 0.0)) + 2 * np.sqrt(g * height))
         self._keep("speed", row.max_speed / bound)
-        if row.escaped_mass == 0.0:
+        if row.escaped_mass == 0.0 and not self.entering:  # mass that enters has a velocity of its own
             fall = before.mean() - z.mean() + 1e-6 * h[2]
             if self.bed:  # mass joins at other heights
                 spent = self.first.potential_energy - row.potential_energy + row.entrained_energy

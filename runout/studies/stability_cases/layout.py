@@ -9,6 +9,7 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
 from runout.model.bed import Bed
 from runout.model.erosion_laws import EROSIONS
+from runout.model.inflow import Hydrograph, Inflow
 from runout.model.limits import CFL
 from runout.model.materials import Material
 from runout.model.numerics import Numerics, Scheme
@@ -17,12 +18,15 @@ from runout.model.pore_pressure import PorePressure, RatioBlocks
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
+from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed, eroding_bed
+from runout.simulation.inflow import sources_of
 from runout.simulation.scenario import build_scene
 
 CELLS = 40  # of the terrain, an axis
 FIRST, WIDTH = 8, 8  # cells of the release, counted from the west
 EDGE = 18.0  # of the cliffs [cells]
+GAP, PATH = 2, 12.0  # of an inflow: from the release to it, and what enters along the flow [cells]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +36,9 @@ class Layout:
     ``terrain`` names one of :data:`TERRAINS`; ``keep`` is how many particles stay, all when None; ``speed`` [m/s] is that of
     the mass at the start, down the slope; ``rests`` says that it must end at rest, ``passes`` that it must leave the plane above
     a cliff. ``pore_blocks`` are the lowest and highest ratio and the size of blocks [cells] in place of ``pore_ratio``. A
-    ``bed_depth`` [cells] above 0 is eroded by a law with ``erosion_numbers``, the others of which have their defaults.
+    ``bed_depth`` [cells] above 0 is eroded by a law with ``erosion_numbers``, the others of which have their defaults. An
+    ``inflow_thickness`` [cells] above 0 enters with ``inflow_speed`` [m/s] below the release, at a line as wide as that or over a
+    polygon.
     """
 
     terrain: str = "plane"
@@ -59,6 +65,9 @@ class Layout:
     bed_ratio: float | None = None
     erosion: str = "ramms"
     erosion_numbers: tuple[tuple[str, float], ...] = ()
+    inflow_thickness: float = 0.0
+    inflow_speed: float = 5.0
+    inflow_over: str = "line"
     speed: float = 0.0
     precision: str = "float32"
     substeps: int = Scheme.substeps
@@ -103,8 +112,22 @@ class Layout:
         diffusivity = self.diffusivity if self.decay_time is None else None
         return PorePressure(ratio=ratio, saturation=self.saturation, diffusivity=diffusivity, decay_time=self.decay_time)
 
-    def built(self) -> tuple[Scene, Particles, ErodingBed | None]:
-        """Scene, particles and bed; raises the error that refuses the settings."""
+    def inflow(self, terrain: Terrain) -> Inflow | None:
+        """The inflow below the release, which ends when it has gone :data:`PATH`; None without one."""
+        if self.inflow_thickness == 0.0:
+            return None
+        east, south = FIRST + WIDTH + GAP, (CELLS - WIDTH) // 2
+        corners = np.array([[east, south], [east, south + WIDTH], [east + GAP, south + WIDTH], [east + GAP, south]], np.float64)
+        place, speed = corners * self.h + self.origin, self.inflow_speed
+        seconds, discharge = PATH * self.h / speed, WIDTH * self.inflow_thickness * self.h**2 * speed
+        if self.inflow_over == "line":
+            return Inflow(terrain, Hydrograph([0.0, seconds], [discharge, discharge], [speed, speed]), line=place[:2])
+        from shapely import Polygon
+
+        return Inflow(terrain, Hydrograph([0.0, seconds], [discharge, discharge], [speed, speed]), polygon=Polygon(place))
+
+    def built(self) -> tuple[Scene, Particles, ErodingBed | None, Entering | None]:
+        """Scene, particles, bed and inflow; raises the error that refuses the settings."""
         terrain, thickness = self.ground(), np.zeros((CELLS, CELLS))
         start = CELLS - 3 - WIDTH if self.terrain == "edge" else FIRST
         middle = (CELLS - WIDTH) // 2
@@ -112,15 +135,18 @@ class Layout:
         release = Release.from_array(thickness, terrain, Placement(self.placement), pore_pressure=self.pore_pressure())
         sizes = (self.h, self.h, self.h * self.flatness)
         numerics = Numerics.of({**vars(self), "cell_size": sizes, "particles_per_cell": self.per_cell})
-        bed = self.bed()
-        scene, p = build_scene(terrain, release, self.material(), self.basal, numerics, bed=bed)
+        bed, inflow = self.bed(), self.inflow(terrain)
+        inflows = [inflow] if inflow else []
+        scene, p = build_scene(terrain, release, self.material(), self.basal, numerics, bed=bed, inflow=inflows)
         if self.keep is not None:
             p = p.take(np.arange(self.keep) * (len(p) // self.keep))
             p.strain[:] = 0.0  # no mass remains above them
         slope = np.radians(self.slope)
         p.velocity[:] = self.speed * np.array([np.cos(slope), 0.0, -np.sin(slope)])
         eroding = eroding_bed(bed, scene, terrain, [release], self.per_cell)
-        return (eroding.scene if eroding else scene), p, eroding
+        scene = eroding.scene if eroding else scene
+        entering = Entering(sources_of(inflows, 1, scene.spacing, self.per_cell, np.inf, 0)) if inflow else None
+        return scene, p, eroding, entering
 
 
 def _plane(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:

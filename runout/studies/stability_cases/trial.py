@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from runout.backends.protocol import get_backend
 from runout.errors import RunoutError
+from runout.simulation.observers import PeakMaps
 from runout.studies.stability_cases.invariants import Watch
 from runout.studies.stability_cases.layout import Layout
 from runout.studies.verification_cases.bodies import transfer
@@ -32,14 +33,16 @@ def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu
     """Run one layout on one backend (one thread on the CPU), in the transfers of a run."""
     started = time.perf_counter()
     try:
-        scene, particles, bed = layout.built()
+        scene, particles, bed, entering = layout.built()
         engine = get_backend(backend, device, 1)
         engine.load(scene, particles)
         if bed:
             bed.begin(particles)
+        if entering:
+            entering.begin(scene, len(particles), PeakMaps(scene, 0.1 * layout.h), 0.0)
     except RunoutError as refusal:
         return Trial(name, layout, backend, "refused", str(refusal), 0, 0, {}, time.perf_counter() - started)
-    watch = Watch(layout, scene, particles, engine.ledger(), bed)
+    watch = Watch(layout, scene, particles, engine.ledger(), bed, entering)
     every, reasons = max(1, layout.steps // LOOKS), list[str]()  # steps, which end with a transfer
     time_now = 0.0  # [s]
     try:
@@ -54,6 +57,8 @@ def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu
                     watch.close(watch.ledger(engine))
                 if bed and time_now >= bed.due:
                     bed.update(engine, time_now)
+                if entering and time_now >= entering.due:
+                    watch.enter(engine, time_now)
                 watch.steps += count
         watch.look(engine)
         watch.finish(engine)

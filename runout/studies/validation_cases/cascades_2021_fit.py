@@ -1,7 +1,8 @@
 """Cascades 2021 with a wet mass on an erodible bed: members chosen by half of the reaches and judged by the other half.
 
 A member is a draw of friction, pore pressures by blocks, drainage, bed and bulking, from ranges that no observation of this event
-has narrowed, and an arrangement of the blocks. landlab's MassWastingRunout is drawn and chosen likewise.
+has narrowed, and an arrangement of the blocks. Wider ranges add the depth of the bed and the saturation, which sets the ratio to
+which the pressure relaxes. landlab's MassWastingRunout is drawn and chosen likewise.
 """
 
 import math
@@ -18,7 +19,8 @@ from runout.studies.validation_cases.cascades_2021 import BED, DENSITY, END, Eve
 from runout.studies.validation_cases.case import on_all_processors
 
 CELL_SIZE = 5.0  # [m]
-MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 128, 8
+MEMBERS, WIDER_MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 64, 128, 8
+SEED, WIDER_SEED = 2021, 48  # of the draws
 SEVERAL = 8  # members whose mean is judged beside the best one
 HALVES = ([0, 2, 4], [1, 3, 5])  # reaches by number, from north to south
 BED_RATIOS = (0.0, 0.3, 0.5, 0.65, 0.8)  # pore pressure ratios of the bed [1]
@@ -31,6 +33,12 @@ RANGES = {
     "bed_ratio": (0.2, 0.7),
     "depth_per_stress": (0.5e-4, 2.0e-4),  # [m/Pa]
     "bulking": (0.8, 1.1),
+}
+WIDER_RANGES = RANGES | {
+    "bed_depth": (0.6, 2.0),  # [m]
+    "saturation": (0.0, 1.0),
+    "basal_friction_deg": (20.0, 32.0),
+    "bed_ratio": (0.2, 0.8),
 }
 AUTOMATON_RANGES = {
     "critical_slope": (0.08, 0.25),
@@ -49,13 +57,13 @@ class Job:
     seed: int
 
 
-def drawn(model: str, ranges: Mapping[str, tuple[float, float]], count: int) -> list[Job]:
+def drawn(model: str, ranges: Mapping[str, tuple[float, float]], count: int, seed: int = SEED) -> list[Job]:
     """Jobs of a scrambled Sobol sequence over ranges."""
     from scipy.stats import qmc
 
     low, high = np.array(list(ranges.values())).T
-    points = qmc.scale(qmc.Sobol(len(ranges), rng=2021).random(count), low, high)
-    return [Job(model, dict(zip(ranges, map(float, point), strict=True)), seed) for seed, point in enumerate(points)]
+    points = qmc.scale(qmc.Sobol(len(ranges), rng=seed).random(count), low, high)
+    return [Job(model, dict(zip(ranges, map(float, point), strict=True)), number) for number, point in enumerate(points)]
 
 
 def wet(numbers: Mapping[str, float]) -> dict[str, float]:
@@ -80,7 +88,8 @@ def _flow(event: Event, job: Job) -> tuple[np.ndarray, float]:
     numbers = job.numbers
     high = min(numbers["least_ratio"] + numbers["ratio_span"], 0.95)
     ratio = {"low": numbers["least_ratio"], "high": high, "block": numbers["block"]}
-    pressure = runout.PorePressure(ratio=ratio, decay_time=math.exp(numbers["log_decay_time"]))
+    decay_time, saturation = math.exp(numbers["log_decay_time"]), numbers.get("saturation", 0.0)
+    pressure = runout.PorePressure(ratio=ratio, decay_time=decay_time, saturation=saturation)
     release = event.wet_release(pressure)
     erosion = runout.RammsErosion(depth_per_stress=numbers["depth_per_stress"])
     result = runout.simulate(
@@ -88,7 +97,7 @@ def _flow(event: Event, job: Job) -> tuple[np.ndarray, float]:
         release,
         runout.DruckerPrager(density=DENSITY, friction_angle=32.0),
         basal_friction_angle=numbers["basal_friction_deg"],
-        bed=runout.Bed(BED, erosion, pore_pressure_ratio=numbers["bed_ratio"]),
+        bed=runout.Bed(numbers.get("bed_depth", BED), erosion, pore_pressure_ratio=numbers["bed_ratio"]),
         bulking=numbers["bulking"],
         cell_size=CELL_SIZE,
         end_time=END,
@@ -111,20 +120,25 @@ def _automaton(event: Event, job: Job) -> np.ndarray:
 def by_halves(rows: Sequence[Mapping[str, Any]], observed: Sequence[float]) -> list[dict[str, Any]]:
     """For each half of the reaches the member that is best on it, and its errors [m3] on both halves.
 
-    ``error_of_several`` is that of the mean volumes of the :data:`SEVERAL` best members.
+    ``error_of_several`` is that of the mean volumes of the :data:`SEVERAL` best members, ``fitted_several`` the largest error of
+    each of these on the half that chose them, ``least_several`` and ``most_several`` their errors on the other half.
     """
     volumes = np.array([row["reach_volumes"] for row in rows])
     errors, chosen = np.abs(volumes - np.asarray(observed)), []
     for fitted, judged in (HALVES, HALVES[::-1]):
         order = errors[:, fitted].sum(axis=1).argsort(kind="stable")
-        best, mean = int(order[0]), volumes[order[:SEVERAL]].mean(axis=0)
+        best, several = int(order[0]), order[:SEVERAL]
+        on_fitted, on_judged = (errors[np.ix_(several, half)].sum(axis=1) for half in (fitted, judged))
         kept = "numbers", "csi", "agreement", "erosion_volume", "deposition_volume", "reach_volumes"
         chosen.append(
             {
                 "fitted": list(fitted),
                 "error_fitted": float(errors[best, fitted].sum()),
                 "error": float(errors[best, judged].sum()),
-                "error_of_several": float(np.abs(mean - observed)[list(judged)].sum()),
+                "error_of_several": float(np.abs(volumes[several].mean(axis=0) - observed)[list(judged)].sum()),
+                "fitted_several": float(on_fitted.max()),
+                "least_several": float(on_judged.min()),
+                "most_several": float(on_judged.max()),
                 "least": float(errors[:, judged].sum(axis=1).min()),
             }
             | {key: rows[best][key] for key in kept}
@@ -140,6 +154,7 @@ def measure(full: bool) -> dict[str, Any]:
         row = done(Job("runout", wet({}), 0))
         return {"members": [row], "lines": [f"  one member: CSI {row['csi']:.2f}, reach error {row['reach_error']:.0f} m3"]}
     members = on_all_processors(done, drawn("runout", RANGES, MEMBERS))
+    wider = on_all_processors(done, drawn("runout", WIDER_RANGES, WIDER_MEMBERS, WIDER_SEED))
     automata = on_all_processors(done, drawn("landlab", AUTOMATON_RANGES, AUTOMATA))
     of_bed = [Job("runout", wet({"bed_ratio": ratio}), seed) for ratio in BED_RATIOS for seed in range(ARRANGEMENTS)]
     rows = on_all_processors(done, of_bed)
@@ -151,6 +166,7 @@ def measure(full: bool) -> dict[str, Any]:
     results = {
         "observed": compared(event, event.observed),
         "runout": _summary(members) | {"halves": by_halves(members, observed)},
+        "wider": _summary(wider) | {"halves": by_halves(wider, observed)},
         "landlab": _summary(automata) | {"halves": by_halves(automata, observed)},
         "bed_ratios": spread,
     }
@@ -159,7 +175,7 @@ def measure(full: bool) -> dict[str, Any]:
 
 def _lines(results: Mapping[str, Any]) -> list[str]:
     """Rows to print."""
-    rows = [(model, half) for model in ("runout", "landlab") for half in results[model]["halves"]]
+    rows = [(model, half) for model in ("runout", "wider", "landlab") for half in results[model]["halves"]]
     told = "  {}, fitted on reaches {}: error there {:.0f} m3, on the others {:.0f} m3"
     return [told.format(model, half["fitted"], half["error_fitted"], half["error"]) for model, half in rows]
 
