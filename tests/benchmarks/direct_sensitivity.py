@@ -4,8 +4,8 @@
 
 The site is jacksboro with four sampled parameters on cells of 40 m. The direct study runs Saltelli's sample as a table of members:
 ``base`` times (parameters + 2) runs, 384 by default, all with one seed of the particles. ``runout sensitivity`` takes 32 and 64
-members of a Sobol net. The script prints one table and writes ``direct_sensitivity.json``. An index agrees if the intervals of 90 % of
-both studies overlap within 0.01; that of the direct study is SALib's bootstrap. On a CPU a run takes about a second.
+members of a Sobol net. The script prints one table and writes ``direct_sensitivity.json``. An index agrees if the intervals of 90 %
+of both studies overlap within 0.01; that of the direct study is SALib's bootstrap. On a CPU a run takes about a second.
 """
 
 import argparse
@@ -145,7 +145,8 @@ def main() -> None:
         "device": a.device or "cpu", "cell_size": a.cell_size, "runs": a.base * (len(PARAMETERS) + 2), "parameters": PARAMETERS,
         "seconds": {"direct": seconds, **{str(members): spent for members, (_, spent) in studies.items()}},
         "held_out_q2": {
-            members: {name: one["held_out_q2"] for name, one in content["quantities"].items()} for members, (content, _) in studies.items()
+            members: {name: one["held_out_q2"] for name, one in content["quantities"].items()}
+            for members, (content, _) in studies.items()
         },
         "rows": rows,
     }  # fmt: skip
