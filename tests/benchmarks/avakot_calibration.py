@@ -3,10 +3,10 @@
     python -m tests.benchmarks.avakot_calibration --out DIR [--device cuda:0] [--cell-size 10] [--levels 14] [--points 16]
 
 The observation is the outline of com1DFA (AvaFrame 2.1, mu 0.155, xi 4000 m/s2, recorded in
-`runout/studies/validation_cases/avakot_com1dfa.json`) with the path of the flow as thalweg. `runout calibrate` samples mu and xi over
-wide ranges, once with area and run-out of the outline and once with its boundary in parts. The script prints the posterior of both
-and writes `calibration_avakot.json`. An outline does not fix both: the record holds their correlation, and the standard deviation
-along each principal axis over that of the prior.
+`runout/studies/validation_cases/avakot_com1dfa.json`) with the path of the flow as thalweg. `runout calibrate` samples mu and xi
+over wide ranges, once with area and run-out of the outline and once with its boundary in parts. The script prints the posterior of
+both and writes `calibration_avakot.json`. An outline does not fix both: the record holds their correlation, and the standard
+deviation along each principal axis over that of the prior.
 """
 
 import argparse
@@ -40,8 +40,8 @@ ensemble:
   members: 32
   seed: 1
   parameters:
-    basal_friction.mu: {{distribution: uniform, low: 0.05, high: 0.35}}
-    basal_friction.xi: {{distribution: uniform, low: 1000, high: 9000}}
+    basal_mu: {{distribution: uniform, low: 0.05, high: 0.35}}
+    basal_xi: {{distribution: uniform, low: 1000, high: 9000}}
 hazard: {{thickness_thresholds: [0.1], speed_thresholds: [1], pressure_thresholds: [3000], percentiles: [50]}}
 budget: {{hours: 10, memory_gb: 8, disk_gb: 4}}
 observations:
