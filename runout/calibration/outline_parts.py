@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from runout.report.members import Reach
 
 PARTS = 8
+FRONT = 0.95  # share of the largest distance from the release from which a point belongs to the front
 STEPS = 64  # points along each part, from which the distances of cells are taken
 
 
@@ -45,7 +46,7 @@ class OutlineParts:
         from scipy.spatial import KDTree
 
         points, length = _along(outline)
-        front = int(np.argmax(_distances(points, reach)))
+        front = _front(_distances(points, reach))
         part = ((np.arange(len(points)) - front + STEPS // 2) // STEPS) % PARTS
         easting, northing = np.meshgrid(reach.easting, reach.northing)
         nearest = KDTree(points).query(np.column_stack([easting.ravel(), northing.ravel()]))[1]
@@ -61,14 +62,22 @@ class OutlineParts:
 def _along(outline: Any) -> tuple[np.ndarray, float]:
     """Equally spaced points (parts times steps, 2) along the exterior rings of an outline, and the length of the rings [m]."""
     import shapely
+    from shapely.geometry.polygon import orient
 
-    rings = [shapely.get_exterior_ring(part) for part in shapely.get_parts(outline).tolist()]
+    rings = [shapely.get_exterior_ring(orient(part)) for part in shapely.get_parts(outline).tolist()]
     ends = np.cumsum([ring.length for ring in rings])
     places = (np.arange(PARTS * STEPS) + 0.5) / (PARTS * STEPS) * ends[-1]
     of_ring = np.searchsorted(ends, places, side="right").clip(max=len(rings) - 1)
     starts = np.concatenate([[0.0], ends[:-1]])
     points = [shapely.line_interpolate_point(rings[k], s - starts[k]) for k, s in zip(of_ring, places, strict=True)]
     return shapely.get_coordinates(points), float(ends[-1])
+
+
+def _front(distances: np.ndarray) -> int:
+    """Place among points (n,) along rings in the middle of those that are nearly as far from the release as the farthest one."""
+    places = np.flatnonzero(distances >= FRONT * distances.max())
+    turns = np.exp(2j * np.pi * places / len(distances))
+    return round(float(np.angle(turns.mean())) / (2.0 * np.pi) * len(distances)) % len(distances)
 
 
 def _distances(points: np.ndarray, reach: "Reach") -> np.ndarray:

@@ -1,7 +1,7 @@
-"""Section of the report on a calibration: prior and posterior, pairs of parameters, and what was observed against what is predicted.
+"""Section of the report on a calibration: prior and posterior, pairs of parameters, and what was observed against the prediction.
 
-It is shown by a site that was calibrated with these members, and by one whose table of members is a posterior. Its numbers are those
-of ``calibration.json``; a record that does not belong to the table beside it is not shown.
+It is shown by a site that was calibrated with these members, and by one whose table of members is a posterior. Its numbers are
+those of ``calibration.json``; a record that does not belong to the table beside it is not shown.
 """
 
 from collections.abc import Iterator, Mapping

@@ -4,8 +4,8 @@
 
 A lobe is an ellipse whose length follows from friction and volume by an energy line, and whose width from the volume. Its boundary
 waves by a random distance: 5 m in the members, ``--error`` in what is observed; cells are 20 m. Each event has another truth. The
-script prints, for area with run-out and for the boundary in parts with run-out, how often the interval of 90 % holds the truth and by
-how much the mean misses it, and writes `outline_likelihood.json`.
+script prints, for area with run-out and for the boundary in parts with run-out, how often the interval of 90 % holds the truth
+and by how much the mean misses it, and writes `outline_likelihood.json`.
 """
 
 import argparse

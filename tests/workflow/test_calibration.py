@@ -169,7 +169,10 @@ def test_indices_of_the_ramp_are_in_its_report(calibrated):
     table = pd.read_csv(calibrated / "results" / "sensitivity" / "sensitivity.csv")
     assert set(table["parameter"]) == {"basal_friction_angle_deg"}
     assert cli.main(["run", str(calibrated)]) == 0
-    assert "Which parameters matter" in (calibrated / "results" / "report.html").read_text()
+    page = (calibrated / "results" / "report.html").read_text()
+    assert "Which parameters matter" in page
+    assert "Prior and posterior of basal friction angle" in page
+    assert "Validation, each predicted from the other observations alone" in page
 
 
 def refusal(capsys, *arguments):
