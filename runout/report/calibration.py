@@ -96,10 +96,9 @@ def _marginal(name: str, shares: Mapping[str, list[float]]) -> Markup:
 
 def _pair(across: str, up: str, sample: "pd.DataFrame", record: Mapping[str, Any]) -> Markup:
     """Chart of the rows of the table over the range of the prior of two parameters."""
-    ranges = [(record["marginals"][name]["edges"][0], record["marginals"][name]["edges"][-1]) for name in (across, up)]
-    chart = Chart(_label(across), _label(up), *ranges, 250.0)
-    inside = [sample[name].clip(*limits) for name, limits in zip((across, up), ranges, strict=True)]
-    chart.points(*inside, COLOUR)
+    x, y = ((edges[0], edges[-1]) for edges in (record["marginals"][name]["edges"] for name in (across, up)))
+    chart = Chart(_label(across), _label(up), x, y)
+    chart.points(sample[across].clip(*x), sample[up].clip(*y), COLOUR)
     return chart.svg(f"Posterior of {_label(across)} and {_label(up)}")
 
 

@@ -1,4 +1,4 @@
-"""Recorded studies: the calibration of Frank Slide holds the friction of the other code, and indices of few members those of many."""
+"""Recorded studies: the calibration of Frank Slide has the friction of the other code, and few members the indices of many."""
 
 import json
 from pathlib import Path
