@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.calibration.joint import OF_EVENT
 from runout.calibration.posterior import Posterior
 from runout.calibration.sobol_indices import SobolIndices
 from runout.report.figures import parameter_label, tidy
@@ -48,15 +49,16 @@ def _draw_tornado(axes: Any, indices: SobolIndices) -> None:
 
 
 def _label(name: str) -> str:
-    """Words and unit of a parameter on lines of a few words."""
-    return fill(parameter_label(name), 22)
+    """Words and unit of a parameter on lines of a few words, after the name of its event if it is that of one."""
+    event, of_event, own = name.rpartition(OF_EVENT)
+    return fill(event + of_event + parameter_label(own), 22)
 
 
 def posterior_figure(posterior: Posterior) -> Any:
-    """Figure of the posterior of each parameter, and of each pair, within 98 % of the prior; the first six parameters."""
+    """Figure of prior and posterior of each parameter, and of each pair, within 98 % of the prior; the first six parameters."""
     from matplotlib.figure import Figure
 
-    names, values = posterior.prior.names[:MOST_DRAWN], posterior.values
+    names, values, marginals = posterior.prior.names[:MOST_DRAWN], posterior.values, posterior.marginals()
     edges = posterior.prior.values(np.tile([[0.01], [0.99]], len(posterior.prior.names)))
     size = CELL * len(names) + 1.0
     figure = Figure(figsize=(size, size), layout="constrained")
@@ -69,10 +71,13 @@ def posterior_figure(posterior: Posterior) -> Any:
         tidy(axes, _label(names[column]) if row == len(names) - 1 else "")
         axes.set_xlim(edges[:, column])
         if row == column:
-            axes.hist(values[:, row], 40, range=tuple(edges[:, row]), color=BLUE)
+            one = marginals[names[row]]
+            axes.stairs(one["posterior"], one["edges"], fill=True, color=BLUE, label="posterior")
+            axes.stairs(one["prior"], one["edges"], color=INK, label="prior")
             axes.set_yticks([])
         else:
             axes.plot(values[::4, column], values[::4, row], ".", color=BLUE, markersize=2, alpha=0.35)
             axes.set_ylim(edges[:, row])
             axes.set_ylabel(_label(names[row]) if column == 0 else "", fontsize=NORMAL, color=INK)
+    panels[0, 0].legend(fontsize=SMALL, frameon=False)
     return figure

@@ -1,4 +1,4 @@
-"""Scalars of an observed event and of a member that models it: area, run-out, volume, distance, values at gauges.
+"""Scalars of an observed event and of a member that models it: area, run-out, boundary, volume, distance, values at gauges.
 
 One function makes the scalars of both, so that they are defined alike. A scalar has a name such as ``outline.area``, whose first
 part is the observation, and a standard error: 10 % of an area, 20 % of a volume, a cell of the grid for a length, and so on
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.calibration.outline_parts import OutlineParts
+from runout.calibration.sobol_indices import LEAST_Q2
 from runout.errors import ConfigError
 from runout.report.members import Reach
 from runout.scores.assessment import values_at_gauges
@@ -36,16 +38,20 @@ class Kind:
     relative : float
         Standard error over the observed value [1]; 0 where it is a cell of the grid.
     meaning : str
+    least_q2 : float
+        Held-out Q2 of the emulator below which a scalar does not count [1].
     """
 
     units: str
     relative: float
     meaning: str
+    least_q2: float = LEAST_Q2
 
 
 KINDS = {
     "area": Kind("m2", 0.1, "area in which the flow or deposit reaches the smallest thickness threshold"),
     "runout": Kind("m", 0.0, "farthest place of that area along the thalweg; without a thalweg, its distance from the release"),
+    "position": Kind("m", 0.0, "mean distance of the boundary of that area from a part of the outline, positive beyond it", 0.5),
     "volume": Kind("m3", 0.2, "volume of the deposit in the cells that the observation knows"),
     "distance": Kind("m", 0.0, "mean distance of the deposit from the release, or place along the thalweg, by volume"),
     "erosion": Kind("m3", 0.2, "volume by which the ground is lower"),
@@ -91,16 +97,24 @@ class Measure:
         Distance of the cells from the release.
     threshold : float
         Thickness [m] that bounds the area of a modelled flow or deposit.
+    parts : OutlineParts or None
+        Parts of the outline, whose distances take the place of its area: their sum is that of the area; None for the area.
     """
 
     observed: Observations
     reach: Reach
     threshold: float
+    parts: OutlineParts | None = None
 
     @classmethod
-    def of(cls, observed: Observations, terrain: "Terrain", released: np.ndarray, threshold: float) -> "Measure":
-        """The measure on a terrain with thickness ``released`` (rows, columns) [m]."""
-        return cls(observed, Reach.on(released > 0, terrain.easting, terrain.northing, terrain.elevation), threshold)
+    def of(
+        cls, observed: Observations, terrain: "Terrain", released: np.ndarray, threshold: float, boundary: bool = False
+    ) -> "Measure":
+        """The measure on a terrain with thickness ``released`` (rows, columns) [m]; ``boundary`` for parts of the outline."""
+        reach = Reach.on(released > 0, terrain.easting, terrain.northing, terrain.elevation)
+        has_parts = boundary and observed.outline is not None
+        parts = OutlineParts.of(observed.outline, observed.shares, reach) if has_parts else None
+        return cls(observed, reach, threshold, parts)
 
     def of_event(self) -> Scalars:
         """Scalars of the event."""
@@ -132,7 +146,7 @@ class Measure:
         return scalars
 
     def _area(self, shares: np.ndarray) -> Scalars:
-        """Area and run-out of reached shares (rows, columns) [1]."""
+        """Run-out of reached shares (rows, columns) [1], and their area or their distances from the parts of the outline."""
         reached = np.nan_to_num(shares) >= 0.5
         thalweg = self.observed.thalweg
         if thalweg is None:
@@ -140,7 +154,10 @@ class Measure:
         else:  # the release counts, so that a flow that stays has a place
             rows, columns = np.nonzero(reached | self.reach.released)
             runout = float(thalweg.coordinates(self.reach.easting[columns], self.reach.northing[rows])[0].max())
-        return {"outline.area": float(np.nansum(shares)) * self.reach.cell_area, "outline.runout": runout}
+        if self.parts is None:
+            return {"outline.area": float(np.nansum(shares)) * self.reach.cell_area, "outline.runout": runout}
+        distances = self.parts.distances(shares)
+        return {f"outline.position.{k}": float(distance) for k, distance in enumerate(distances, 1)} | {"outline.runout": runout}
 
     def _deposit(self, thickness: np.ndarray) -> Scalars:
         known = np.nan_to_num(thickness)
@@ -216,6 +233,12 @@ def with_errors(scalars: Sequence[ObservedScalar], errors: Sequence[str], withou
     if not by_name:
         raise ConfigError("--without leaves no observation; leave out fewer")
     return list(by_name.values())
+
+
+def concerns(text: str, scalars: Sequence[ObservedScalar]) -> bool:
+    """Whether ``NAME`` or ``NAME=ERROR`` names one of the scalars."""
+    name = text.partition("=")[0]
+    return any(f"{one.name}.".startswith(f"{name}.") for one in scalars)
 
 
 def _named(name: str, scalars: Mapping[str, ObservedScalar], option: str) -> list[ObservedScalar]:

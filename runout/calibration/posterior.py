@@ -7,7 +7,7 @@ and a covariance of what the offset leaves (:class:`GridError`).
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -24,6 +24,17 @@ USUAL_OFFSET, LARGEST_OFFSET = 0.1, 0.25  # of the side of the cube
 IDENTIFIED = 0.7  # standard deviation over that of the prior, below which a parameter is identified: half of its variance is gone
 TRADES = 0.7  # absolute correlation from which two parameters replace each other
 EDGE, LEANS = 0.05, 0.2  # outer share of the prior, and its posterior probability from which the posterior leans on the bound
+
+
+class Density(Protocol):
+    """What can be sampled: a log density over the cube of a prior."""
+
+    @property
+    def prior(self) -> Prior:
+        """Distributions of the axes of the cube."""
+
+    def log_density(self, points: np.ndarray) -> np.ndarray:
+        """Log density (n,) at points (n, parameters); minus infinity outside of the cube."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +103,12 @@ class Likelihood:
             half_log_determinant = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
             density[inside] = -0.5 * np.square(scaled).sum(axis=1) - half_log_determinant
         return density
+
+    def prediction(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation (scalars,), with the standard error, of what is observed over equally likely points."""
+        mean, covariance = self.predicted(points)
+        variance = np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0) + mean.var(axis=0) + np.square(self.errors)
+        return mean.mean(axis=0), np.sqrt(variance)
 
     def only(self, chosen: Sequence[int]) -> "Likelihood":
         """The likelihood of some of the scalars, by their places."""
@@ -171,6 +188,19 @@ class Posterior:
             for name, values, at, narrowing in columns
         }
 
+    def marginals(self, bins: int = 32) -> dict[str, dict[str, list[float]]]:
+        """Shares of prior and posterior in equal bins of each parameter between 1 and 99 % of the prior, and the edges."""
+        ranks = (np.arange(STARTS) + 0.5) / STARTS
+        of_prior = self.prior.values(np.tile(ranks[:, None], len(self.prior.names)))
+        shares = {}
+        for k, name in enumerate(self.prior.names):
+            low, high = np.percentile(of_prior[:, k], (1.0, 99.0))
+            edges = np.linspace(low, high, bins + 1)
+            counts = [np.histogram(sample[:, k].clip(edges[0], edges[-1]), edges)[0] for sample in (of_prior, self.values)]
+            prior, posterior = ((one / one.sum()).tolist() for one in counts)
+            shares[name] = {"edges": edges.tolist(), "prior": prior, "posterior": posterior}
+        return shares
+
     def statements(self) -> Iterator[str]:
         """What the observations say of the parameters, and where the posterior leans on the prior."""
         names, traded = self.prior.names, set()
@@ -200,7 +230,7 @@ class Posterior:
                 )
 
 
-def sampled_posterior(likelihood: Likelihood, seed: int = 0, most_steps: int = MOST_STEPS) -> Posterior:
+def sampled_posterior(likelihood: Density, seed: int = 0, most_steps: int = MOST_STEPS) -> Posterior:
     """Sample of the posterior by the affine-invariant walkers of emcee (Foreman-Mackey et al. 2013, PASP 125:306).
 
     Walkers start at Sobol points of the cube that are drawn by a tempered likelihood, so that separate modes get their share.
@@ -222,7 +252,7 @@ def sampled_posterior(likelihood: Likelihood, seed: int = 0, most_steps: int = M
     return Posterior(likelihood.prior, sample, min(len(sample), len(chain) / max(time, 1.0)), bool(converged))
 
 
-def _starts(likelihood: Likelihood, count: int, state: np.random.RandomState) -> np.ndarray:
+def _starts(likelihood: Density, count: int, state: np.random.RandomState) -> np.ndarray:
     """Different points (count, parameters) of the cube with a density near the largest."""
     points = sobol_points(STARTS, len(likelihood.prior.names), 0)
     density = likelihood.log_density(points)
@@ -249,10 +279,7 @@ def left_out(likelihood: Likelihood, groups: Sequence[str], seed: int = 0) -> di
         inside = [k for k, one in enumerate(groups) if one == group]
         others = [k for k, one in enumerate(groups) if one != group]
         points = sampled_posterior(likelihood.only(others), seed, STEPS).points[::8]
-        own = likelihood.only(inside)
-        mean, covariance = own.predicted(points)
-        variance = np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0) + mean.var(axis=0) + np.square(own.errors)
-        predicted[group] = mean.mean(axis=0), np.sqrt(variance)
+        predicted[group] = likelihood.only(inside).prediction(points)
     return predicted
 
 

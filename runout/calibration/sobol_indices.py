@@ -75,10 +75,10 @@ def sobol_indices(emulator: Emulator, prior: Prior) -> SobolIndices:
     interval is that of indices of functions drawn from the emulator, each with rows of the sample drawn anew (Le Gratiet, Cannamela
     & Iooss 2014, SIAM/ASA J. Uncertainty Quantification 2:336, algorithm 1).
     """
-    first, total = _analysed(emulator.mean(prior.snapped(_sample(prior, BASE))), prior)
+    first, total = _analysed(emulator.mean(prior.snapped(saltelli_sample(prior, BASE))), prior)
     width = len(prior.names) + 2
     base = 2 ** int(np.log2(MOST_POINTS // width))
-    blocks = emulator.draws(prior.snapped(_sample(prior, base)), DRAWS, seed=0).reshape(DRAWS, base, width)
+    blocks = emulator.draws(prior.snapped(saltelli_sample(prior, base)), DRAWS, seed=0).reshape(DRAWS, base, width)
     generator = np.random.default_rng(1)
     drawn = [_analysed(one[generator.integers(0, base, base)].ravel(), prior) for one in blocks]
     intervals = [np.percentile([pair[k] for pair in drawn], INTERVAL, axis=0) for k in (0, 1)]
@@ -89,20 +89,21 @@ def sobol_indices(emulator: Emulator, prior: Prior) -> SobolIndices:
     return SobolIndices(prior.names, first, total, intervals[0], intervals[1], unexplained)
 
 
-def _problem(prior: Prior) -> dict[str, Any]:
+def saltelli_problem(prior: Prior) -> dict[str, Any]:
+    """The cube of a prior as SALib describes it."""
     return {"num_vars": len(prior.names), "names": list(prior.names), "bounds": [[0.0, 1.0]] * len(prior.names)}
 
 
-def _sample(prior: Prior, base: int) -> np.ndarray:
+def saltelli_sample(prior: Prior, base: int) -> np.ndarray:
     """Saltelli's sample (base (parameters + 2), parameters) of the cube."""
     with of_extra("SALib"):
         from SALib.sample import sobol
-    return np.asarray(sobol.sample(_problem(prior), base, calc_second_order=False, seed=0))
+    return np.asarray(sobol.sample(saltelli_problem(prior), base, calc_second_order=False, seed=0))
 
 
 def _analysed(values: np.ndarray, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
     """First-order and total indices (parameters,) of values at Saltelli's sample."""
     with of_extra("SALib"):
         from SALib.analyze import sobol
-    indices = sobol.analyze(_problem(prior), values, calc_second_order=False, num_resamples=2, seed=0)
+    indices = sobol.analyze(saltelli_problem(prior), values, calc_second_order=False, num_resamples=2, seed=0)
     return np.clip(indices["S1"], 0.0, 1.0), np.clip(indices["ST"], 0.0, 1.0)

@@ -1,6 +1,7 @@
 """Commands on parameters: which of them matter, and which values agree with an observed event."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -22,6 +23,13 @@ FinePairs = Annotated[
     int,
     Parameter(validator=Number(gte=0, lte=1024), help="Members that run on halved cells too, for the error of the grid."),
 ]
+Outline = Annotated[
+    Literal["area", "boundary"], Parameter(help="What of an outline counts beside its run-out: area, or boundary in eight parts.")
+]
+Own = Annotated[
+    tuple[str, ...],
+    Parameter(consume_multiple=True, negative="", help="Of several sites: parameters that each has for itself."),
+]
 Rows = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000), help="Rows of posterior.csv.")]
 
 
@@ -39,13 +47,15 @@ def sensitivity(site: SiteArgument, *, session: Injected) -> int:
 @command()
 def calibrate(
     site: SiteArgument,
-    *,
+    *more: Annotated[Path, Parameter(help="Further sites, whose events share the parameters; needs --out.")],
     error: Errors = (),
     without: Without = (),
     rounds: Rounds = 2,
     points: Points = 16,
     fine_pairs: FinePairs = 0,
     rows: Rows = 256,
+    outline: Outline = "area",
+    own: Own = (),
     workers: Workers = None,
     threads: Threads = None,
     device: Device = None,
@@ -54,11 +64,16 @@ def calibrate(
 ) -> int:
     """Sampled parameters that agree with the observations of a site; runs what it needs and goes on where it was broken off.
 
-    Writes results/calibration/ with posterior.csv, a table for an ensemble; needs 16 members, scikit-learn and emcee.
+    Writes results/calibration/ with posterior.csv, a table for an ensemble; needs 16 members, scikit-learn and emcee. Of several
+    sites: one posterior of the parameters that they share.
     """
-    from runout.workflow.calibration import CalibrationChoices
-    from runout.workflow.calibration import run as run_calibration
+    from runout.errors import ConfigError
+    from runout.workflow import calibration, joint_calibration
 
-    choices = CalibrationChoices(error, without, rounds, points, fine_pairs, rows)
-    how = {"workers": workers, "threads": threads, "device": device}
-    return run_calibration(site, session.out, choices, **how, retry_failed=retry_failed)  # type: ignore[arg-type]
+    choices = calibration.CalibrationChoices(error, without, rounds, points, fine_pairs, rows, outline)
+    how = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
+    if more:
+        return joint_calibration.run((site, *more), session.out, choices, own, **how)  # type: ignore[arg-type]
+    if own:
+        raise ConfigError(f"--own {' '.join(own)}: one site shares no parameter; remove it, or state further sites")
+    return calibration.run(site, session.out, choices, **how)  # type: ignore[arg-type]

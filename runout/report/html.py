@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from runout.report import confidence, figures, first_screen, probe_figures, sheets, tables
+from runout.report.calibration import calibration_section
 from runout.report.danger import danger_section
 from runout.report.explorer import explorer
 from runout.report.scores import counts_in_words, range_table, reach_tables, score_tables
@@ -85,6 +86,7 @@ def page(site: Any, study: Study, checksum: str) -> dict[str, Any]:
         "danger": danger,
         "structures": structure_section(study.loads, error),
         "probes": _probed(study),
+        "calibration": calibration_section(study, _table_of(site, settings)),
         "observed": _observed(study, maps) if study.run.get("observations") else None,
         "crs": crs,
         "error": tables.numerical_error(study, settings),
@@ -97,6 +99,12 @@ def page(site: Any, study: Study, checksum: str) -> dict[str, Any]:
         "provenance": tables.provenance(study.run),
         **_charts(study),
     }
+
+
+def _table_of(site: Any, settings: dict[str, Any]) -> Path | None:
+    """Table of members of a site; None without."""
+    table = settings.get("ensemble", {}).get("table")
+    return Path(site.folder) / table if table else None
 
 
 def _reference_system(study: Study) -> str:

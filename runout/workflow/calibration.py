@@ -1,7 +1,7 @@
 """Command ``runout calibrate``: the sampled parameters that agree with the observations of a site, with their spread."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,11 +10,9 @@ import numpy as np
 
 from runout import log
 from runout.calibration.emulator import Emulator, varies
-from runout.calibration.figures import posterior_figure
-from runout.calibration.observed_scalars import Measure, ObservedScalar, Scalars, observed_scalars, with_errors
-from runout.calibration.posterior import GridError, Likelihood, Posterior, grid_error, left_out, sampled_posterior
+from runout.calibration.observed_scalars import Measure, ObservedScalar, Scalars, kind_of, observed_scalars, with_errors
+from runout.calibration.posterior import GridError, Likelihood, grid_error, sampled_posterior
 from runout.calibration.prior import Prior
-from runout.calibration.sobol_indices import LEAST_Q2
 from runout.config.member_arguments import grid_spacing
 from runout.config.overrides import with_cell_size
 from runout.config.stated_at import stated_place
@@ -24,13 +22,13 @@ from runout.ensemble.run import run_ensemble
 from runout.errors import ConfigError, InputError
 from runout.hazard.observed import member_flow
 from runout.io import source_code
-from runout.io.atomic import read_json, write_json, write_text
+from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
 from runout.model.release import thickness_of
 from runout.workflow import hazard_map
+from runout.workflow.calibration_record import TABLE, event_record, lines, posterior_record, validated, write
 from runout.workflow.check_observations import SCORED
 from runout.workflow.plan import require_budget
-from runout.workflow.probe_products import write_figure
 from runout.workflow.sensitivity import finished_members
 from runout.workflow.study import Study
 
@@ -40,10 +38,9 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("runout.calibration")
 FOLDER, FINE = "calibration", "fine"
-TABLE, RECORD, ROUNDS, FIGURE = "posterior.csv", "calibration.json", "rounds.json", "posterior.png"
+ROUNDS = "rounds.json"
 FEWEST = 16  # members of the first design
 FEWEST_PAIRS = 8  # of coarse and fine runs; fewer do not give a covariance
-FAR = 2.0  # standard deviations by which a prediction misses what was observed
 
 
 @dataclass(frozen=True)
@@ -60,6 +57,8 @@ class CalibrationChoices:
         Members that are repeated on cells of half the size; 0 for none.
     rows : int
         Rows of the table of the posterior.
+    outline : str
+        "area", or "boundary" for the distances of the modelled boundary from the parts of the outline in place of the area.
     """
 
     errors: tuple[str, ...] = ()
@@ -68,6 +67,12 @@ class CalibrationChoices:
     points: int = 16
     fine_pairs: int = 0
     rows: int = 256
+    outline: str = "area"
+
+    def require(self) -> None:
+        """Raise ConfigError if the pairs are too few for a covariance."""
+        if self.fine_pairs and self.fine_pairs < FEWEST_PAIRS:
+            raise ConfigError(f"--fine-pairs {self.fine_pairs}: their covariance needs {FEWEST_PAIRS}; write 16, or 0 for none")
 
 
 @dataclass(frozen=True)
@@ -124,22 +129,28 @@ class Event:
 
     @classmethod
     def of(cls, site: "Site", choices: CalibrationChoices) -> "Event":
-        """The event of a site.
+        """The event of a site, with the standard errors and without the scalars that the choices state.
 
         Raises
         ------
         ConfigError, InputError
             If the site samples no parameter, has fewer than 16 members or no observation, or one cannot be used.
         """
+        event = cls.measured(site, choices.outline)
+        event.scalars = with_errors(event.scalars, choices.errors, choices.without)
+        return event
+
+    @classmethod
+    def measured(cls, site: "Site", outline: str = "area") -> "Event":
+        """The event of a site with the default standard errors; see :attr:`CalibrationChoices.outline`."""
         _require(site)
         prior, observed = Prior.of(site), site.files.observations().require()
         assert observed is not None
         terrain, masses = site.terrain(), site.masses()
         threshold = min(site.settings.hazard.thickness_thresholds)
-        measure = Measure.of(observed, terrain, thickness_of(masses, terrain), threshold)
+        measure = Measure.of(observed, terrain, thickness_of(masses, terrain), threshold, outline == "boundary")
         cell = max(*terrain.cell_size, *grid_spacing(site.settings, masses)[:2])
-        scalars = with_errors(observed_scalars(measure.of_event(), cell), choices.errors, choices.without)
-        return cls(site, prior, observed, measure, scalars)
+        return cls(site, prior, observed, measure, observed_scalars(measure.of_event(), cell))
 
     def scalars_of(self, member: Member, results: Path) -> Scalars:
         """Scalars of a member in a results folder."""
@@ -150,6 +161,25 @@ class Event:
         """Add runs."""
         self.members += members
         self.modelled += [self.scalars_of(member, results) for member in members]
+
+    def run_ensemble(self, study: Study, **how: Any) -> int:
+        """Run the members of the ensemble of the site that have no result, and add all; returns the exit code.
+
+        Raises
+        ------
+        InputError, PartialEnsembleError
+            If fewer than 16 have a result.
+        """
+        outcome = hazard_map.run(study.site.file, study.results, ("ensemble",), **how)
+        study.refresh()
+        self.add(finished_members(study), study.results)
+        if len(self.members) < FEWEST:
+            raise InputError(f"{study.results / 'members'}: {len(self.members)} members have a result; {FEWEST} are needed")
+        return outcome.exit_code
+
+    def run_further(self, points: np.ndarray, number: int, runner: Runner, folder: Path) -> None:
+        """Run and add members at points (n, parameters) of the cube, in the round of a number."""
+        self.add(runner.run(self.site, _design(self, points, number), folder), folder)
 
     @property
     def points(self) -> np.ndarray:
@@ -207,9 +237,9 @@ def _why_left_out(scalar: ObservedScalar, values: np.ndarray, emulator: Emulator
         return "members have no value there: it lies outside of the DEM, or on a cell without elevation; move it, or leave it out"
     if emulator is None:
         return f"it is {values[0]:.4g} {scalar.units} in all members, {scalar.value:.4g} observed; no sampled parameter changes it"
-    if emulator.q2 < LEAST_Q2:
+    if emulator.q2 < (least := kind_of(scalar.name).least_q2):
         return (
-            f"its emulator predicts {max(emulator.q2, 0.0):.2f} of the variance of members that it has not seen, {LEAST_Q2:g} is "
+            f"its emulator predicts {max(emulator.q2, 0.0):.2f} of the variance of members that it has not seen, {least:g} is "
             f"needed; double ensemble.members from {len(values)}, or narrow the ranges of the parameters"
         )
     return ""
@@ -234,28 +264,34 @@ def run(
     ConfigError, InputError, PartialEnsembleError, BudgetError
         See :class:`Event`; if no member has run, or further members exceed the budget.
     """
-    if choices.fine_pairs and choices.fine_pairs < FEWEST_PAIRS:
-        raise ConfigError(f"--fine-pairs {choices.fine_pairs}: their covariance needs {FEWEST_PAIRS}; write 16, or 0 for none")
+    choices.require()
     study = Study.open(site_path, out, workers, retry_failed, device, threads)
     event, folder = Event.of(study.site, choices), study.results / FOLDER
     how = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
-    outcome = hazard_map.run(site_path, out, ("ensemble",), **how)  # type: ignore[arg-type]
-    study.refresh()
-    event.add(finished_members(study), study.results)
-    if len(event.members) < FEWEST:
-        raise InputError(f"{study.results / 'members'}: {len(event.members)} members have a result; {FEWEST} are needed")
-    runner = Runner(workers, study.threads, retry_failed)
+    code = event.run_ensemble(study, **how)
+    runner, files = Runner(workers, study.threads, retry_failed), [one.file(study.results).name for one in event.members]
     likelihood, scalars = _refined(event, choices, runner, folder)
     if choices.fine_pairs:
-        error = _pairs(event, likelihood, scalars, choices.fine_pairs, runner, folder / FINE)
+        error = grid_error_of(event, likelihood, scalars, choices.fine_pairs, runner, folder / FINE)
         likelihood = replace(likelihood, grid_error=error)
     posterior = sampled_posterior(likelihood)
-    record = _record(event, likelihood, scalars, posterior, choices)
-    for line in lines(record):
+    record = {
+        **event_record(event, likelihood, scalars, posterior.points),
+        "validation": validated(likelihood, scalars),
+        **posterior_record(posterior, choices),
+        "files_of_the_ensemble": files,
+    }
+    columns = {name: k for k, name in enumerate(posterior.prior.names)}
+    state(record, write(folder, posterior, record, choices.rows, {TABLE: columns}))
+    return code
+
+
+def state(record: Mapping[str, Any], paths: Sequence[Path]) -> None:
+    """Print the lines of a record, and log what was written."""
+    for line in lines(dict(record)):
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
-    for path in _write(folder, posterior, record, choices.rows):
+    for path in paths:
         LOGGER.info("wrote %s", path)
-    return outcome.exit_code
 
 
 def _refined(event: Event, choices: CalibrationChoices, runner: Runner, folder: Path) -> tuple[Likelihood, list[ObservedScalar]]:
@@ -272,7 +308,7 @@ def _refined(event: Event, choices: CalibrationChoices, runner: Runner, folder: 
             known = [*known, sampled_posterior(likelihood).spread_points(choices.points).tolist()]
             write_json({"key": [key, choices.points], "rounds": known}, folder / ROUNDS)
         LOGGER.info("round %d of %d: %d members in the posterior", number + 1, choices.rounds, choices.points)
-        event.add(runner.run(event.site, _design(event, np.array(known[number]), number), folder), folder)
+        event.run_further(np.array(known[number]), number, runner, folder)
         likelihood, scalars = event.likelihood()
     return likelihood, scalars
 
@@ -285,7 +321,7 @@ def _design(event: Event, points: np.ndarray, number: int) -> Design:
     return Design({name: values[:, k].tolist() for k, name in enumerate(event.prior.names)}, seeds)
 
 
-def _pairs(
+def grid_error_of(
     event: Event, likelihood: Likelihood, scalars: Sequence[ObservedScalar], count: int, runner: Runner, results: Path
 ) -> GridError:
     """Error of the grid from the most likely members, repeated on cells of half the size.
@@ -312,128 +348,3 @@ def _pairs(
     coarse = table([event.modelled[order[member.number]] for member in fine])
     fine_values = table([event.scalars_of(member, results) for member in fine])
     return grid_error(likelihood, event.points_of(fine), coarse, fine_values)
-
-
-def _record(
-    event: Event, likelihood: Likelihood, scalars: Sequence[ObservedScalar], posterior: Posterior, choices: CalibrationChoices
-) -> dict[str, Any]:
-    """Content of ``calibration.json``."""
-    mean, covariance = likelihood.predicted(posterior.points[::8])
-    spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2).mean(axis=0) + mean.var(axis=0) + np.square(likelihood.errors))
-    deviations, axes = posterior.directions()
-    return {
-        "members": len(event.members),
-        "choices": asdict(choices),
-        "observations": _compared(scalars, mean.mean(axis=0), spread, [one.q2 for one in likelihood.emulators]),
-        "left_out_of_the_likelihood": dict(event.left_out),
-        "parameters": posterior.summary(),
-        "correlation": posterior.correlation.tolist(),
-        "principal_axes": {"standard_deviation_over_prior": deviations.tolist(), "axes": axes.tolist()},
-        "statements": [*posterior.statements(), *_misfits(event, likelihood, scalars)],
-        "grid_error": _grid_error(likelihood, posterior),
-        "validation": _validated(likelihood, scalars),
-        "chain": {"independent_points": posterior.effective, "converged": posterior.converged},
-    }
-
-
-def _compared(
-    scalars: Sequence[ObservedScalar], mean: np.ndarray, spread: np.ndarray, quality: Sequence[float] = ()
-) -> dict[str, dict[str, Any]]:
-    """Observed and predicted scalars by name; ``spread`` holds the standard error of the observation as well."""
-    compared = {
-        one.name: {
-            "units": one.units, "observed": one.value, "standard_error": one.error, "predicted": float(mean[k]),
-            "standard_deviation": float(spread[k]), "deviation": float((one.value - mean[k]) / spread[k]),
-        }
-        for k, one in enumerate(scalars)
-    }  # fmt: skip
-    for one, q2 in zip(scalars, quality, strict=False):
-        compared[one.name]["held_out_q2"] = q2
-    return compared
-
-
-def _misfits(event: Event, likelihood: Likelihood, scalars: Sequence[ObservedScalar]) -> Iterator[str]:
-    """Sentences on observed values that no member comes near."""
-    for one, emulator in zip(scalars, likelihood.emulators, strict=True):
-        low, high = emulator.values.min(), emulator.values.max()
-        if not low - FAR * one.error <= one.value <= high + FAR * one.error:
-            yield (
-                f"{one.name}: observed {one.value:.4g} {one.units}, all {len(event.members)} members lie between {low:.4g} and "
-                f"{high:.4g}; widen the ranges of ensemble.parameters, or look for what the model lacks"
-            )
-
-
-def _grid_error(likelihood: Likelihood, posterior: Posterior) -> dict[str, Any] | None:
-    """Offset by parameter in its unit, and the standard error that remains by scalar; None without pairs."""
-    error = likelihood.grid_error
-    if error is None:
-        return None
-    moved = posterior.prior.values(posterior.points + error.offset) - posterior.values
-    offsets = {name: float(moved[:, k].mean()) for k, name in enumerate(posterior.prior.names)}
-    remaining = np.sqrt(np.diag(error.covariance)).tolist()
-    return {"pairs": error.pairs, "offset": offsets, "remaining_standard_errors": remaining}
-
-
-def _validated(likelihood: Likelihood, scalars: Sequence[ObservedScalar]) -> dict[str, Any]:
-    """Scalars of each observation predicted from all others; of each scalar where there is one observation only."""
-    groups = [one.group for one in scalars]
-    if len(set(groups)) == 1:
-        groups = [one.name for one in scalars]
-    if len(set(groups)) == 1:
-        return {}
-    validated: dict[str, Any] = {}
-    for group, (mean, spread) in left_out(likelihood, groups).items():
-        of_group = [one for one, own in zip(scalars, groups, strict=True) if own == group]
-        validated |= _compared(of_group, mean, spread)
-    return validated
-
-
-def lines(record: dict[str, Any]) -> Iterator[str]:
-    """What the terminal prints of ``calibration.json``."""
-    yield f"{record['members']} members, {len(record['observations'])} observed scalars"
-    yield f"  {'parameter':36}{'mean':>10}{'sd':>10}{'5 %':>10}{'50 %':>10}{'95 %':>10}{'sd/prior':>10}"
-    for name, one in record["parameters"].items():
-        columns = ("mean", "standard_deviation", "p5", "p50", "p95", "standard_deviation_over_prior")
-        yield f"  {name:36}" + "".join(f"{one[column]:10.4g}" for column in columns)
-    yield from _comparison_lines("fitted", record["observations"])
-    yield from record["statements"]
-    yield from (f"{name}: left out: {reason}" for name, reason in record["left_out_of_the_likelihood"].items())
-    if record["validation"]:
-        yield from _comparison_lines("validation, each predicted from the other observations", record["validation"])
-    else:
-        yield "validation: none, since one scalar was observed only"
-    yield _grid_line(record["grid_error"])
-    if not record["chain"]["converged"]:
-        points = record["chain"]["independent_points"]
-        yield f"the chain is shorter than 20 autocorrelation times ({points:.0f} independent points): its percentiles are rough"
-
-
-def _comparison_lines(heading: str, compared: dict[str, dict[str, Any]]) -> Iterator[str]:
-    yield f"{heading}:"
-    for name, one in compared.items():
-        far = " (far)" if abs(one["deviation"]) > FAR else ""
-        observed = f"observed {one['observed']:.4g} +- {one['standard_error']:.2g} {one['units']}"
-        predicted = f"predicted {one['predicted']:.4g} +- {one['standard_deviation']:.2g}"
-        yield f"  {name}: {observed}, {predicted}, {one['deviation']:+.1f} standard deviations{far}"
-
-
-def _grid_line(error: dict[str, Any] | None) -> str:
-    if error is None:
-        return "error of the grid: not in these numbers, which hold for these cells; --fine-pairs 16 finds and removes it"
-    offset = ", ".join(f"{name} {value:+.2g}" for name, value in error["offset"].items())
-    return (
-        f"error of the grid from {error['pairs']} pairs: {offset} makes these cells act like cells of half the size; the "
-        "parameters above hold for the finer cells"
-    )
-
-
-def _write(folder: Path, posterior: Posterior, record: dict[str, Any], rows: int) -> list[Path]:
-    """Paths of table, record and figure, after writing each as a whole."""
-    import pandas as pd
-
-    table = pd.DataFrame(posterior.subset(rows), columns=list(posterior.prior.names))
-    return [
-        write_text(str(table.to_csv(index=False)), folder / TABLE),
-        write_json(record, folder / RECORD),
-        write_figure(posterior_figure(posterior), folder / FIGURE),
-    ]

@@ -255,13 +255,15 @@ class Study:
         observed = [self.observations] if self.observations else []
         if stage == "hazard":  # scores have error bars
             return [*members, observed, bars] if observed else members
-        indices = self.results / "sensitivity" / "sensitivity.json"
+        own = [self.results / "sensitivity" / "sensitivity.json", self.results / "calibration" / "calibration.json"]
+        beside = [path.with_name("calibration.json") for path in self.site.files.paths("design")]
+        shown = [path for path in (*own, *beside) if path.is_file()]
         return [
             members,
             self.record.checksums("hazard"),
             bars,
             *observed,
-            *([digest_files([indices])] if indices.is_file() else []),
+            *([digest_files(shown)] if shown else []),
         ]
 
     def why_stale(self, stage: Stage) -> str | None:

@@ -1,4 +1,4 @@
-"""The recorded calibration of Frank Slide holds the friction of the runs that it was calibrated by, and the guide states it."""
+"""Recorded studies: the calibration of Frank Slide has the friction of the other code, and few members the indices of many."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-RECORD = json.loads((ROOT / "tests" / "benchmarks" / "records" / "calibration_frank_slide.json").read_text(encoding="utf-8"))
+RECORDS = ROOT / "tests" / "benchmarks" / "records"
+RECORD = json.loads((RECORDS / "calibration_frank_slide.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("angle", ["15", "20"])
@@ -15,3 +16,21 @@ def test_intervals_hold_the_friction_of_the_other_code_and_stand_in_the_guide(an
     assert friction["p5"] < float(angle) < friction["p95"]
     guide = " ".join((ROOT / "docs" / "guide" / "calibration.md").read_text(encoding="utf-8").split())
     assert f"{friction['p5']:.1f} to {friction['p95']:.1f} degrees" in guide
+
+
+def test_indices_of_few_members_are_those_of_the_direct_study_and_stand_in_the_guide():
+    record = json.loads((RECORDS / "direct_sensitivity.json").read_text(encoding="utf-8"))
+    rows, guide = record["rows"], (ROOT / "docs" / "guide" / "calibration.md").read_text(encoding="utf-8")
+    assert record["runs"] == 384
+    assert all(q2 > 0.9 for quantities in record["held_out_q2"].values() for q2 in quantities.values())
+    for row in rows:
+        apart = max(row["low"] - row["direct"], row["direct"] - row["high"]) - row["half_width"]
+        assert row["agrees"] == (apart <= 0.01)
+    agreeing = sum(row["agrees"] for row in rows)
+    assert f"all {agreeing} indices agree" in guide
+    assert agreeing == len(rows)
+    stated = {(row["quantity"], row["parameter"]): row for row in rows if row["index"] == "total" and row["direct"] > 0.05}
+    for row in stated.values():
+        assert f"{row['direct']:.2f} ± {row['half_width']:.2f}" in guide
+    for row in (row for row in rows if row["index"] == "total" and row["direct"] > 0.05):
+        assert f"{row['emulated']:.2f} ({row['low']:.2f} to {row['high']:.2f})" in guide

@@ -16,7 +16,7 @@ import runout
 from runout import cli
 from runout.config.site import read_site
 from runout.errors import ExitCode
-from runout.workflow import calibration
+from runout.workflow import calibration, calibration_record
 
 FRICTION = 17.0
 SAMPLED = SITE.replace("members: 4", "members: 32").replace("low: 12, high: 22", "low: 10, high: 26")
@@ -69,6 +69,24 @@ def test_record_says_what_was_fitted_what_was_not_and_what_it_predicts(calibrate
     assert all(abs(one["deviation"]) < 2.0 for one in found["validation"].values())
     assert all(one["held_out_q2"] > 0.9 for one in found["observations"].values())
     assert found["grid_error"] is None
+    for shares in found["marginals"].values():
+        assert len(shares["edges"]) == len(shares["prior"]) + 1
+        assert sum(shares["prior"]) == pytest.approx(1.0)
+        assert sum(shares["posterior"]) == pytest.approx(1.0)
+
+
+def test_boundary_in_parts_takes_the_place_of_the_area(calibrated, monkeypatch):
+    monkeypatch.setattr(calibration, "write", lambda folder, posterior, content, rows, tables: seen.append(content) or [])
+    seen = []
+    arguments = ["--rounds", "0", "--without", "deposit", "--outline", "boundary"]
+    assert cli.main(["calibrate", str(calibrated), *arguments]) == 0
+    (found,) = seen
+    friction = found["parameters"]["basal_friction_angle_deg"]
+    assert friction["p5"] <= FRICTION <= friction["p95"]
+    assert friction["p95"] - friction["p5"] < 3.0
+    assert "outline.area" not in {*found["observations"], *found["left_out_of_the_likelihood"]}
+    assert "outline.position.1" in found["observations"]  # the front
+    assert "outline.runout" in found["observations"]
 
 
 def test_table_of_the_posterior_has_the_names_that_an_ensemble_samples(calibrated):
@@ -123,7 +141,7 @@ def test_a_round_that_was_broken_off_goes_on_with_the_same_members(calibrated, m
 
 
 def test_options_leave_out_observations_and_state_errors(calibrated, monkeypatch):
-    monkeypatch.setattr(calibration, "_write", lambda folder, posterior, content, rows: seen.append(content) or [])
+    monkeypatch.setattr(calibration, "write", lambda folder, posterior, content, rows, tables: seen.append(content) or [])
     seen = []
     arguments = ["--rounds", "0", "--without", "deposit", "outline.area", "--error", "outline.runout=20"]
     assert cli.main(["calibrate", str(calibrated), *arguments]) == 0
@@ -151,7 +169,10 @@ def test_indices_of_the_ramp_are_in_its_report(calibrated):
     table = pd.read_csv(calibrated / "results" / "sensitivity" / "sensitivity.csv")
     assert set(table["parameter"]) == {"basal_friction_angle_deg"}
     assert cli.main(["run", str(calibrated)]) == 0
-    assert "Which parameters matter" in (calibrated / "results" / "report.html").read_text()
+    page = (calibrated / "results" / "report.html").read_text()
+    assert "Which parameters matter" in page
+    assert "Prior and posterior of basal friction angle" in page
+    assert "Validation, each predicted from the other observations alone" in page
 
 
 def refusal(capsys, *arguments):
@@ -191,6 +212,6 @@ def test_an_event_beyond_all_members_is_named(calibrated):
     order = np.argsort([-one.parameters["basal_friction_angle_deg"] for one in event.members])
     event.members = [event.members[k] for k in order]
     likelihood, scalars = event.likelihood()
-    (said,) = calibration._misfits(event, likelihood, scalars)
+    (said,) = calibration_record._misfits(event, likelihood, scalars)
     assert "outline.runout: observed 52" in said
     assert "all 16 members lie between 100 and 250" in said
