@@ -3,7 +3,6 @@
 It is read-only, since each run writes it anew: save your changes under another name, in this folder.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from runout import __version__
 from runout.hazard.archives import filled, write_archive
 from runout.hazard.maps import GROUPS, headline, map_layers
+from runout.hazard.round_numbers import round_length
 from runout.hazard.writers import Products
 from runout.hazard.writers.member_snapshots import snapshots
 from runout.hazard.writers.outlines import ARRIVAL_LAYER, ARRIVAL_START, arrival_edges, moment
@@ -116,7 +116,7 @@ def project_content(products: Products) -> dict[str, Any]:
         "crs": _system(terrain),
         "view": view,
         "sheet": sheet,
-        "bar": _round_length((sheet[2] - sheet[0]) / 8),
+        "bar": round_length(sheet[2] - sheet[0], 0.125),
         "labels": _labels(products, title),
         **_times(products),
     }
@@ -216,12 +216,6 @@ def _fitted(box: Box, ratio: float) -> Box:
     x, y = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
     height = max(box[3] - box[1], (box[2] - box[0]) / ratio)
     return x - ratio * height / 2, y - height / 2, x + ratio * height / 2, y + height / 2
-
-
-def _round_length(length: float) -> float:
-    """Largest of 1, 2, 5 times a power of ten that is not above a length."""
-    power = 10.0 ** math.floor(math.log10(length))
-    return max(digit * power for digit in (1, 2, 5) if digit * power <= length)
 
 
 def _system(terrain: "Terrain") -> dict[str, str]:
