@@ -35,6 +35,7 @@ from runout.model.release import Release, thickness_of
 from runout.model.terrain import Terrain
 from runout.quantities import INFLOW_MAP
 from runout.release.statements import record, start_sentences
+from runout.report.members import representative_of
 from runout.scores.observations import Observations
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
@@ -106,8 +107,11 @@ def write_products(
     built = write_structures(site, ensemble, terrain, attributes, results)
     origin["changes"] = [*origin["changes"], *built.changes]
     outdated = writers.earlier(results)
-    kept = tuple(of_members["snapshots"])
-    products = writers.Products(hazard, ensemble, site, terrain, releases, observed, built, results, kept)
+    shown = representative_of(results / "members.nc", ensemble.table.loc[list(ensemble.files)], hazard)
+    origin["representative_member"] = shown
+    products = writers.Products(
+        hazard, ensemble, site, terrain, releases, observed, built, results, shown, _snapshots(ensemble.files[shown])
+    )
     written = writers.write_all(products)
     paths = [results / "members.nc", *built.paths, *(path for files in written.values() for path in files)]
     paths.append(write_readme(products, written))
@@ -126,7 +130,6 @@ def _write_members(
     """
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
-    snapshots: list[float] = []  # times [s] of the first member
     of_bed = BedMaps(ensemble.weights)
     boundary = BoundaryMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
     title = f"{_title(site)}: members of the ensemble"
@@ -135,8 +138,6 @@ def _write_members(
         def each(number: int, member: MemberMaps) -> None:
             resolution.update(worst([resolution, member.attributes]))
             stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
-            if number == 0 and SNAPSHOTS in member.file.groups:
-                snapshots.extend(map(float, member.file.groups[SNAPSHOTS]["time"][:]))
             copy(number, member)
             of_bed.take(number, member)
             boundary.take(number, member)
@@ -144,7 +145,14 @@ def _write_members(
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
         of_bed.add_to(hazard)
         boundary.add_to(hazard)
-    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness), "snapshots": snapshots}
+    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
+
+
+def _snapshots(path: Path) -> tuple[float, ...]:
+    """Times [s] at which the file of a member keeps snapshots."""
+    with MemberMaps(path) as member, netcdf.reading(path, "snapshots "):
+        groups = member.file.groups
+        return tuple(map(float, groups[SNAPSHOTS]["time"][:])) if SNAPSHOTS in groups else ()
 
 
 def _add_second_grid(hazard: "xr.Dataset", site: "Site", ensemble: Ensemble, results: Path, spacing: tuple[float, float]) -> None:
