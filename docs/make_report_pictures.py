@@ -18,7 +18,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "report"))
 from browser import READY, Page  # noqa: E402
 
-SCREENS = {"report_desk.png": (1280, 1500), "report_phone.png": (390, 1500)}  # width and height [pixel]
+SCREENS = {"report_desk.png": (1280, 1000), "report_phone.png": (390, 844)}  # width and height of the window [pixel]
+TALLEST = 1500  # pixels of a page that a picture shows, from the top
 SHEET, SHEET_NUMBER, SHEET_DPI = "report_sheet", 1, 80
 COLOURS = 128  # of a picture, so that it is small
 
@@ -31,11 +32,12 @@ def main(report: Path, folder: Path) -> list[Path]:
 
 
 def screen(report: Path, width: int, height: int) -> bytes:
-    """PNG of the top of a report in a window of that width."""
+    """PNG of the top of a report in a window of that size."""
     with tempfile.TemporaryDirectory() as profile, Page(Path(profile), width=width, height=height) as page:
         page.open(report, READY)
         page.run("new Promise((done) => setTimeout(done, 1500))")  # the map draws its pictures after it is ready
-        return base64.b64decode(page.call("Page.captureScreenshot", format="png")["data"])
+        clip = {"x": 0, "y": 0, "width": width, "height": TALLEST, "scale": 1}
+        return base64.b64decode(page.call("Page.captureScreenshot", format="png", clip=clip, captureBeyondViewport=True)["data"])
 
 
 def sheet(report: Path) -> bytes:
