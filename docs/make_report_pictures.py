@@ -21,7 +21,7 @@ from browser import READY, Page  # noqa: E402
 SCREENS = {"report_desk.png": (1280, 1000), "report_phone.png": (390, 844)}  # width and height of the window [pixel]
 TALLEST = 1500  # pixels of a page that a picture shows, from the top
 SHEET, SHEET_NUMBER, SHEET_DPI = "report_sheet", 1, 80
-COLOURS = 128  # of a picture, so that it is small
+COLOURS = 256  # of a picture, so that it is small; rare ones, such as those of a legend, stay
 
 
 def main(report: Path, folder: Path) -> list[Path]:
@@ -55,7 +55,7 @@ def sheet(report: Path) -> bytes:
 
 def write(path: Path, png: bytes) -> Path:
     """Path of a picture with few colours."""
-    Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
     return path
 
 

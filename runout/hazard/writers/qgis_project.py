@@ -152,7 +152,7 @@ def _snapshot_layers(products: Products) -> Iterator[Layer]:
     for one in snapshots(products):
         text = (products.results / f"{one.path}.qml").read_text(encoding="utf-8")
         root = ElementTree.fromstring(text.split("\n", 1)[1])
-        title = f"Flow thickness at {one.start:g} s, member {one.member} (median run-out)"
+        title = f"Flow thickness at {one.start:.4g} s, member {one.member} (median run-out)"
         yield Layer(
             f"snapshot_{one.start:g}",
             title,
