@@ -1,7 +1,7 @@
-"""Make the film of runout: ``python docs/make_film.py FILM.mp4``, two minutes; ``--seconds 20`` makes a preview.
+"""Make the film of runout: ``python docs/make_film.py FILM.mp4``, two minutes; ``--seconds 20 --fps 5`` makes a preview.
 
 It simulates one member of three example sites, and draws each as ``runout animate`` does, between cards with what is seen and the
-command that makes it. The whole film takes about ten minutes on two idle cores.
+command that makes it. `--out FOLDER` keeps the simulations, so that another film of them takes the drawing alone.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from runout.view.film import write_film
 from runout.workflow.seeing import Choices, animate
 
 SITES = Path(__file__).parents[1] / "sites"
-FPS, SIZE = 10.0, (1280, 720)
+SIZE = (1280, 720)
 PAPER, INK, SOFT = "#1d2b36", "#f3f6f8", "#b8c6d1"
 CARD_SHARE, MOST_FRAMES = 0.2, 400  # of the film that is cards; of a scene
 TITLE = ("runout", "From a DEM and a release to hazard maps,\nin three dimensions.", "")
@@ -47,25 +47,27 @@ def main() -> None:
     parser.add_argument("film", type=Path)
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--size", type=int, nargs=2, default=SIZE)
+    parser.add_argument("--fps", type=float, default=10.0, help="pictures a second")
+    parser.add_argument("--out", type=Path, help="folder that keeps the simulations")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        frames = list(pictures(Path(folder), asked.seconds, tuple(asked.size)))
-        write_film(frames, [k / FPS for k in range(len(frames))], asked.film, FPS)
-    print(f"wrote {asked.film}: {len(frames) / FPS:.0f} s")
+        frames = list(pictures(Path(folder), asked.out or Path(folder), asked.seconds, asked.fps, tuple(asked.size)))
+        write_film(frames, [k / asked.fps for k in range(len(frames))], asked.film, asked.fps)
+    print(f"wrote {asked.film}: {len(frames) / asked.fps:.0f} s")
 
 
-def pictures(folder: Path, seconds: float, size: tuple[int, int]) -> Iterator[Path]:
-    """PNG files of the film in their order, all of one size [pixel]."""
+def pictures(folder: Path, results: Path, seconds: float, fps: float, size: tuple[int, int]) -> Iterator[Path]:
+    """PNG files of the film in their order, all of one size [pixel]; ``results`` keeps the simulations."""
     from dataclasses import replace
 
-    cards = round(CARD_SHARE * seconds * FPS / (len(SCENES) + 2))
-    count = min(MOST_FRAMES, round((1.0 - CARD_SHARE) * seconds * FPS / len(SCENES)))
+    cards = round(CARD_SHARE * seconds * fps / (len(SCENES) + 2))
+    count = min(MOST_FRAMES, round((1.0 - CARD_SHARE) * seconds * fps / len(SCENES)))
     yield from [card(folder / "title.png", TITLE, size)] * cards
     for scene in SCENES:
         command = f"runout animate sites/{scene.site} --member {scene.choices.member}"
         yield from [card(folder / f"{scene.site}.png", (scene.site, scene.words, command), size)] * cards
         choices = replace(scene.choices, frames=count, size=size)
-        (made,) = animate(SITES / scene.site, folder / f"{scene.site}_results", choices, folder / f"{scene.site}_frames", None, FPS)
+        (made,) = animate(SITES / scene.site, results / scene.site, choices, folder / f"{scene.site}_frames", None, fps)
         yield from sorted(made.glob("*.png"))
     yield from [card(folder / "end.png", END, size)] * cards
 

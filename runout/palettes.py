@@ -91,12 +91,3 @@ def palette_of(name: str) -> Palette:
     quantity = ALL_QUANTITIES.get(name) or quantity_of(name) or ALL_QUANTITIES["thickness"]
     divisor = VARIABLES[quantity.peak].printed[1]
     return Palette(quantity.colours, tuple(edge / divisor for edge in quantity.classes), quantity.meanings)
-
-
-def round_edges(low: float, high: float, classes: int = 8) -> list[float]:
-    """Round numbers from ``low`` or below it to below ``high``, about ``classes`` of them."""
-    from matplotlib.ticker import MaxNLocator
-
-    locator = MaxNLocator(classes, steps=[1, 2, 2.5, 5, 10])
-    ticks = [float(f"{tick:.9g}") for tick in locator.tick_values(low, high if high > low else low + 1.0)]
-    return [tick for tick in ticks if tick < high] or ticks[:1]

@@ -68,3 +68,14 @@ def test_wheel_holds_every_file_of_the_package(tmp_path):
         packed = {name for name in wheel.namelist() if name.startswith("runout/")}
     files = {p.relative_to(ROOT).as_posix() for p in (ROOT / "runout").rglob("*") if p.is_file() and "__pycache__" not in p.parts}
     assert files == packed
+
+
+def test_rattler_build_renders_the_recipe_of_conda():
+    rattler_build = pytest.importorskip("rattler_build", reason="needs py-rattler-build, of the extra test")
+    text, variants = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text(), rattler_build.VariantConfig()
+    (variant,) = rattler_build.Stage0Recipe.from_yaml(text).render(variants, rattler_build.RenderConfig())
+    rendered = variant.recipe
+    assert (rendered.package.name, str(rendered.package.version)) == ("runout", runout.__version__)
+    assert list(map(str, rendered.requirements.run)) == recipe()["requirements"]["run"]
+    with pytest.raises(Exception, match="unknown top-level field"):
+        rattler_build.Stage0Recipe.from_yaml(f"{text}\nno_such_part: 1\n")

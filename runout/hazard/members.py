@@ -17,7 +17,7 @@ from runout.io import netcdf
 from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_dataset
 from runout.io.map_layers import add_layers, put, whole_chunks
-from runout.io.member_maps import BED_MAPS, MEMBER_MAPS, MemberMaps
+from runout.io.member_maps import BED_MAPS, LEDGERS, MEMBER_MAPS, RECORDS, MemberMaps
 from runout.model.terrain import Terrain
 from runout.quantities import CHANGE
 from runout.variables import VARIABLES
@@ -115,7 +115,7 @@ class Ensemble:
 def members_file(
     ensemble: Ensemble, path: str | os.PathLike[str], terrain: Terrain, attrs: Mapping[str, Any]
 ) -> Iterator[Callable[[int, MemberMaps], None]]:
-    """Block that writes the maps of every planned member as one realization each, with the table of parameters.
+    """Block that writes maps and ledger of every planned member as one realization each, with the table of parameters.
 
     It gives a function for the place of a valid member among them and its open file, which copies the part of each map that the
     file holds; those of members that failed or have not run hold no values.
@@ -139,9 +139,13 @@ def members_file(
                 for one in layers.values():
                     put(one, np.broadcast_to(np.float32(np.nan), terrain.shape), (index,))
 
+        ledgers: dict[int, dict[str, np.ndarray]] = {}
+
         def copy(number: int, member: MemberMaps) -> None:
             if member.shape != terrain.shape:
                 raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
+            if "ledger" in member.file.groups:
+                ledgers[number] = member.ledger()
             rows, columns = member.part.slices if known is None else (slice(0, size) for size in terrain.shape)
             place = whole_chunks(rows, terrain.shape[0]), whole_chunks(columns, terrain.shape[1])
             of_bed = [name for name in BED_MAPS if name in member.held()]
@@ -155,9 +159,26 @@ def members_file(
 
         try:
             yield copy
+            with netcdf.writing(path):
+                put_ledgers(file, {places[number]: ledger for number, ledger in ledgers.items()})
         finally:
             with netcdf.writing(path):
                 file.close()
+
+
+def put_ledgers(file: "netCDF4.Dataset", ledgers: Mapping[int, Mapping[str, np.ndarray]]) -> None:
+    """Write ledgers by the place of their member to an open ``members.nc``, one behind another: a contiguous ragged array of CF."""
+    group, count = file.createGroup(LEDGERS), len(file.dimensions["realization"])
+    lengths = np.array([len(ledgers[place]["time"]) if place in ledgers else 0 for place in range(count)], np.int32)
+    group.createDimension("record", int(lengths.sum()))
+    records = group.createVariable(RECORDS, np.int32, ("realization",))
+    records.setncatts({"sample_dimension": "record", "long_name": "number of records of the ledger of a member"})
+    records[:] = lengths
+    for name in dict.fromkeys(name for ledger in ledgers.values() for name in ledger):
+        column = group.createVariable(name, np.float64, ("record",), fill_value=np.nan, zlib=True, complevel=1, shuffle=True)
+        column.setncatts(VARIABLES[name].attributes() if name in VARIABLES else {})
+        parts = [ledgers[place].get(name, np.full(lengths[place], np.nan)) for place in sorted(ledgers)]
+        column[:] = np.concatenate(parts) if lengths.sum() else np.empty(0)
 
 
 def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":

@@ -35,6 +35,7 @@ from runout.model.release import Release, thickness_of
 from runout.model.terrain import Terrain
 from runout.quantities import INFLOW_MAP
 from runout.release.statements import record, start_sentences
+from runout.report.members import representative_of
 from runout.scores.observations import Observations
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
@@ -95,7 +96,7 @@ def write_products(
     releases = site.releases()
     origin = _origin(site, ensemble, terrain, releases)
     attributes = _attributes(site, ensemble, origin)
-    hazard, of_members = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
+    hazard, of_members, snapshots = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
     origin |= {name: values for name, values in of_members.items() if values}
     origin |= _relief(hazard, terrain, origin)
     _add_second_grid(hazard, site, ensemble, results, _spacing(origin))
@@ -106,8 +107,11 @@ def write_products(
     built = write_structures(site, ensemble, terrain, attributes, results)
     origin["changes"] = [*origin["changes"], *built.changes]
     outdated = writers.earlier(results)
-    kept = tuple(of_members["snapshots"])
-    products = writers.Products(hazard, ensemble, site, terrain, releases, observed, built, results, kept)
+    shown = representative_of(results / "members.nc", ensemble.table.loc[list(ensemble.files)], hazard)
+    origin["representative_member"] = shown
+    products = writers.Products(
+        hazard, ensemble, site, terrain, releases, observed, built, results, shown, snapshots.get(shown, ())
+    )
     written = writers.write_all(products)
     paths = [results / "members.nc", *built.paths, *(path for files in written.values() for path in files)]
     paths.append(write_readme(products, written))
@@ -119,14 +123,17 @@ def write_products(
 
 def _write_members(
     site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], attrs: Mapping[str, Any], path: Path
-) -> "tuple[xr.Dataset, dict[str, Any]]":
-    """The content of ``hazard.nc``, and worst resolution and extremes of stiffness of the members, after writing ``members.nc``.
+) -> "tuple[xr.Dataset, dict[str, Any], dict[int, tuple[float, ...]]]":
+    """The content of ``hazard.nc``, worst resolution and extremes of stiffness, and times of the snapshots [s] by member.
+
+    ``members.nc`` is written on the way.
 
     The file of each member is opened once.
     """
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
-    snapshots: list[float] = []  # times [s] of the first member
+    snapshots: dict[int, tuple[float, ...]] = {}
+    numbers = list(ensemble.files)
     of_bed = BedMaps(ensemble.weights)
     boundary = BoundaryMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
     title = f"{_title(site)}: members of the ensemble"
@@ -135,8 +142,8 @@ def _write_members(
         def each(number: int, member: MemberMaps) -> None:
             resolution.update(worst([resolution, member.attributes]))
             stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
-            if number == 0 and SNAPSHOTS in member.file.groups:
-                snapshots.extend(map(float, member.file.groups[SNAPSHOTS]["time"][:]))
+            if SNAPSHOTS in member.file.groups:
+                snapshots[numbers[number]] = tuple(map(float, member.file.groups[SNAPSHOTS]["time"][:]))
             copy(number, member)
             of_bed.take(number, member)
             boundary.take(number, member)
@@ -144,7 +151,7 @@ def _write_members(
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
         of_bed.add_to(hazard)
         boundary.add_to(hazard)
-    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness), "snapshots": snapshots}
+    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}, snapshots
 
 
 def _add_second_grid(hazard: "xr.Dataset", site: "Site", ensemble: Ensemble, results: Path, spacing: tuple[float, float]) -> None:

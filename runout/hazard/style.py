@@ -1,13 +1,13 @@
 """Classes of maps and their QGIS styles: at the thresholds of the site, over all values, transparent where nothing happens."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
 from xml.etree import ElementTree
 
 import numpy as np
 
-from runout.palettes import palette_of, round_edges
+from runout.hazard.round_numbers import round_edges, round_series
+from runout.palettes import palette_of
 
 PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 NUMBERS, STEPS, MIXED = "paletted", "DISCRETE", "INTERPOLATED"  # kinds of classes, as QGIS calls them
@@ -146,19 +146,7 @@ def _beyond(last: float, largest: float) -> list[float]:
     """Round numbers above the last threshold, up to the largest value."""
     if largest < _LINEAR * last:
         return [tick for tick in round_edges(last, largest, classes=3) if tick > 1.1 * last]
-    steps = list(_series(last, largest, (1.0, 2.0, 5.0)))
-    return steps if len(steps) <= _MOST_STEPS else list(_series(last, largest, (1.0,)))
-
-
-def _series(last: float, largest: float, digits: Sequence[float]) -> Iterator[float]:
-    """Digits times powers of ten from half as much again as ``last`` to ``largest``."""
-    for power in count(int(np.floor(np.log10(last)))):
-        for digit in digits:
-            step = float(f"{digit:g}e{power}")
-            if step > largest:
-                return
-            if step >= 1.5 * last:
-                yield step
+    return round_series(1.5 * last, largest, _MOST_STEPS)
 
 
 def below(edge: float) -> float:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 MEMBER_MAPS, BED_MAPS = member_map_names(), bed_map_names()
 SNAPSHOTS = "snapshots"  # group with thickness and speed at some times, where the site keeps them
+LEDGERS, RECORDS = "ledgers", "records"  # group of members.nc with the ledgers one behind another, and number of records of each
 RASTER = "raster"  # group with the place of the whole raster, in files that hold a part of it
 STEP = 64  # cells; parts begin and end on multiples of it
 SMALLEST_BLOCK = netcdf.CHUNK  # rows, and columns
@@ -219,11 +220,77 @@ class MemberMaps:
         """Values of a map in a rectangle of what the file holds; NaN where there is none."""
         with netcdf.reading(self.path, f"{name} "):
             values: np.ndarray = np.asarray(self.file[name][rows, columns], np.float32)
-        least, fill = VARIABLES[name].valid_min, np.float32(VARIABLES[name].fill or np.nan)
-        below = values == fill if least is None else values < least  # fill values among them
-        if below.any():
-            values[below] = np.nan
-        return values
+        return _without_fill(values, name)
+
+
+def _without_fill(values: np.ndarray, name: str) -> np.ndarray:
+    """The values of a map with NaN in place of fill values."""
+    least, fill = VARIABLES[name].valid_min, np.float32(VARIABLES[name].fill or np.nan)
+    below = values == fill if least is None else values < least  # fill values among them
+    if below.any():
+        values[below] = np.nan
+    return values
+
+
+class MembersFile:
+    """The open ``members.nc``, for the block of a ``with`` statement: maps and ledgers of all members from one file.
+
+    Raises
+    ------
+    StorageError
+        From all methods, if the file cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        import netCDF4
+
+        self.path = Path(path)
+        with netcdf.reading(path):
+            self.file = netCDF4.Dataset(path)
+            self.file.set_auto_maskandscale(False)
+            self.places = {int(number): place for place, number in enumerate(self.file["realization"][:])}
+            self.maps = tuple(name for name in (*MEMBER_MAPS, *BED_MAPS) if name in self.file.variables)
+            self.ledgers: dict[str, np.ndarray] = {}
+            if LEDGERS in self.file.groups:
+                columns = self.file.groups[LEDGERS].variables
+                self.ledgers = {name: np.asarray(column[:]) for name, column in columns.items() if name != RECORDS}
+                self.ends = np.cumsum(columns[RECORDS][:])
+
+    def __enter__(self) -> "MembersFile":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        with netcdf.LOCK:
+            self.file.close()
+
+    def member(self, number: int) -> "StackedMember":
+        """A member by its number."""
+        return StackedMember(self, self.places[number])
+
+
+@dataclass(frozen=True)
+class StackedMember:
+    """One member of an open ``members.nc``."""
+
+    stack: MembersFile
+    place: int
+
+    def held(self) -> tuple[str, ...]:
+        """Names of the maps."""
+        return self.stack.maps
+
+    def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
+        """One map in a rectangle of the raster, float32; NaN where it has no value."""
+        with netcdf.reading(self.stack.path, f"{name} "):
+            values = np.asarray(self.stack.file[name][self.place, place[0], place[1]], np.float32)
+        return _without_fill(values, name)
+
+    def ledger(self) -> dict[str, np.ndarray]:
+        """Mass and energy over time by name, each (time,); those that the run of this member kept."""
+        end = int(self.stack.ends[self.place])
+        start = int(self.stack.ends[self.place - 1]) if self.place else 0
+        columns = {name: values[start:end] for name, values in self.stack.ledgers.items()}
+        return {name: values for name, values in columns.items() if not np.isnan(values).all()}
 
 
 def _moved(span: slice, by: int) -> slice:

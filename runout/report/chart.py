@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from runout.report.vector_map import round_ticks, text
+from runout.hazard.round_numbers import round_ticks
+from runout.report.vector_map import text
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 440.0, 46.0, 12.0, 10.0, 38.0  # of the picture, and room around the axes [units of the picture]
 MOST_PLACES = 120  # of a line; longer ones are thinned out

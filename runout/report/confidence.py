@@ -69,12 +69,10 @@ def statement(sources: list[Part], study: Study) -> str:
         return f"The median run-out is {quantity(median, 'm')}; its error is not known: {sources[0].basis}."
     bars = ", ".join(f"± {percent(float(part.share or 0.0))} through {part.source}" for part in known)
     unknown = [part.source for part in sources if part.share is None]
-    more = f" (not known: {' and '.join(unknown)})" if unknown else ""
     first = known[0]
     decides = f"{first.source} decide{'' if first.source == PARAMETERS else 's'}"
-    among = " among the known ones" if unknown else ""
-    what = f"The median run-out of {quantity(median, 'm')} is uncertain by {bars}{more}"
-    return f"{what}: {decides}{among}; {first.remedy} would reduce it."
+    what = f"The median run-out of {quantity(median, 'm')} is uncertain by {bars}: {decides}; {first.remedy} would reduce it."
+    return what if not unknown else f"{what} The error of {' and of '.join(unknown)} is not known and not in these numbers."
 
 
 def _median(values: np.ndarray, weights: np.ndarray) -> float:

@@ -6,14 +6,13 @@ Python packs the values, the ground and the marks; ``explorer.js`` draws them. T
 
 import base64
 import gzip
-import io
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,16 +20,13 @@ from runout.quantities import QUANTITIES
 from runout.report import explorer_layers, explorer_marks
 from runout.report.explorer_layers import MOST_VALUES, Family, Grid
 from runout.report.explorer_members import MemberLayers, member_layers
-from runout.report.maps import hillshade
+from runout.report.relief import jpeg_address, relief_picture
 from runout.report.study import Study
 from runout.report.values import Window
 
-if TYPE_CHECKING:
-    pass
-
 TEMPLATE = "explorer.html.jinja"
 WIDEST_SHADE, WIDEST_VIEW = 900, 1400  # pixels of the hillshade of the whole raster, and of that of the map
-QUALITY = 78  # of JPEG
+DARKEST = 90  # grey of the relief; colours lie over it
 BUNDLES = ("bokeh.min.js", "bokeh-api.min.js")
 
 
@@ -163,7 +159,9 @@ def _ground(study: Study, window: Window) -> list[dict[str, Any]]:
     pictures = [(whole, WIDEST_SHADE)]
     if max(part.stop for part in whole) > WIDEST_SHADE:
         pictures.append((window, WIDEST_VIEW))
-    return [{"extent": _extent(study, part), "image": _shaded(study, part, widest)} for part, widest in pictures]
+    ground = study.basemap
+    reliefs = [(part, relief_picture(ground.elevation[part], ground.cell_size, widest, DARKEST)) for part, widest in pictures]
+    return [{"extent": _extent(study, part), "image": jpeg_address(relief)} for part, relief in reliefs]
 
 
 def _orthophoto(study: Study, window: Window, settings: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
@@ -178,28 +176,7 @@ def _orthophoto(study: Study, window: Window, settings: Mapping[str, Any], folde
     west, east, south, north = _extent(study, window)
     crs = study.hazard["crs"].attrs.get("crs_wkt") if "crs" in study.hazard else None
     colours = draped_image(folder / name, (west, south, east, north), crs, WIDEST_VIEW)
-    return {"extent": [west, east, south, north], "image": _jpeg(Image.fromarray(colours))}
-
-
-def _jpeg(picture: Any) -> str:
-    """A picture as the address of a JPEG."""
-    file = io.BytesIO()
-    picture.save(file, "JPEG", quality=QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
-
-
-def _shaded(study: Study, window: Window, widest: int) -> str:
-    """Hillshade of a window as the address of a JPEG; cells without elevation are light grey."""
-    from PIL import Image
-
-    step = max(1, math.ceil(max(part.stop - part.start for part in window) / widest))
-    z = study.basemap.elevation[window][::step, ::step]
-    known = np.isfinite(z)
-    lowest = float(np.nanmin(z)) if known.any() else 0.0
-    dx, dy = study.basemap.cell_size
-    shade = hillshade(np.where(known, z, lowest), (dx * step, dy * step)) if min(z.shape) > 1 else np.ones(z.shape)
-    grey = np.where(known, 90 + 160 * np.clip(shade, 0, 1), 214).astype(np.uint8)
-    return _jpeg(Image.fromarray(grey))
+    return {"extent": [west, east, south, north], "image": jpeg_address(Image.fromarray(colours))}
 
 
 def _first(study: Study, products: list[Family]) -> list[int]:

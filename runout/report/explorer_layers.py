@@ -17,6 +17,7 @@ from runout.hazard.boundary import DEVIATION, MEAN
 from runout.hazard.danger import INTENSITY, LEVEL
 from runout.hazard.joint import conditions_of
 from runout.hazard.maps import classes_of
+from runout.hazard.round_numbers import round_below
 from runout.hazard.second_grid import DECIDING
 from runout.hazard.style import NUMBERS, MapClasses
 from runout.palettes import palette_of
@@ -141,11 +142,10 @@ def _legend(name: str, classes: MapClasses) -> dict[str, Any]:
 
 
 def round_step(largest: float, steps: int) -> float:
-    """Step of 1, 2 or 5 times a power of ten, of which at least ``steps`` reach ``largest``; 1 for a map without values."""
+    """Round step, of which at least ``steps`` reach ``largest``; 1 for a map without values."""
     if not largest > 0 or not math.isfinite(largest):
         return 1.0
-    ten = 10.0 ** math.floor(math.log10(largest / steps))
-    return float(f"{max(f * ten for f in (1, 2, 5) if f * ten <= largest / steps * (1 + 1e-9)):.3g}")
+    return round_below(largest / steps)
 
 
 def families(hazard: "xr.Dataset", grid: Grid) -> Iterator[Family]:

@@ -3,7 +3,6 @@
 import math
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from runout.ensemble.member import members_folder
 from runout.hazard.maps import classes_of
 from runout.hazard.style import MapClasses, class_edges
 from runout.io import netcdf
-from runout.io.member_maps import MemberMaps
+from runout.io.member_maps import MemberMaps, MembersFile
 from runout.quantities import ALL_QUANTITIES, ARRIVAL, CHANGE, UNTIL_ARRIVAL
 from runout.report.explorer_layers import MEMBER_STEPS, STEPS, Family, Grid, bytes_of, step_of
 from runout.report.figures import parameter_label
@@ -51,35 +50,32 @@ class MemberLayers:
 def member_layers(study: Study, grid: Grid) -> MemberLayers:
     """Maps of the valid members on ``grid``, or on coarser cells where they are too many."""
     numbers = [int(member) for member in study.valid.index]
-    paths = [members_folder(study.results) / study.members["file"][member] for member in numbers]
-    if not paths:
+    if not numbers:
         return MemberLayers([], grid, [])
-    with MemberMaps(paths[0]) as file:
-        names = [name for name in SHOWN if name in file.held()]
-    steps = STEPS if len(paths) <= MOST_FINE else MEMBER_STEPS
-    some = paths[:: max(1, len(paths) // SAMPLE)]
+    steps = STEPS if len(numbers) <= MOST_FINE else MEMBER_STEPS
+    some = numbers[:: max(1, len(numbers) // SAMPLE)]
     families: list[Family] = []
-    for _ in range(TRIALS):
-        families = _families(study, stacked(some, names, grid), numbers[: len(some)], steps)
-        size = sum(len(zlib.compress(bytes_of(family.codes()), 6)) for family in families) * len(paths) / len(some)
-        if size <= BUDGET:
-            break
-        grid = Grid(grid.window, max(grid.factor + 1, math.ceil(grid.factor * math.sqrt(size / BUDGET))))
-    else:
-        families = []
-    if len(some) < len(paths) or not families:
-        families = _families(study, stacked(paths, names, grid), numbers, steps)
+    with MembersFile(study.results / "members.nc") as stack:
+        for _ in range(TRIALS):
+            families = _families(study, stacked(stack, some, grid), some, steps)
+            size = sum(len(zlib.compress(bytes_of(family.codes()), 6)) for family in families) * len(numbers) / len(some)
+            if size <= BUDGET:
+                break
+            grid = Grid(grid.window, max(grid.factor + 1, math.ceil(grid.factor * math.sqrt(size / BUDGET))))
+        else:
+            families = []
+        if len(some) < len(numbers) or not families:
+            families = _families(study, stacked(stack, numbers, grid), numbers, steps)
     return MemberLayers([*families, *_snapshots(study, grid)], grid, [_parameters(study, member) for member in numbers])
 
 
-def stacked(paths: list[Path], names: list[str], grid: Grid) -> dict[str, np.ndarray]:
+def stacked(stack: MembersFile, numbers: list[int], grid: Grid) -> dict[str, np.ndarray]:
     """Maps (members, rows, columns) by name, in units of files."""
-    stacks = {name: np.empty((len(paths), *grid.shape), np.float32) for name in names}
-    for k, path in enumerate(paths):
-        with MemberMaps(path) as file:
-            for name in names:
-                stacks[name][k] = grid.reduce(file.within(name, grid.window), np.fmin if name in UNTIL_ARRIVAL else np.fmax)
-    return stacks
+    of = {name: np.fmin if name in UNTIL_ARRIVAL else np.fmax for name in SHOWN if name in stack.maps}
+    members = [stack.member(number) for number in numbers]
+    return {
+        name: np.stack([grid.reduce(member.within(name, grid.window), ufunc) for member in members]) for name, ufunc in of.items()
+    }
 
 
 def _families(study: Study, stacks: dict[str, np.ndarray], numbers: list[int], steps: int) -> list[Family]:

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from runout.hazard.round_numbers import round_length, round_ticks
 from runout.palettes import palette_of
 from runout.report.marks import INK, Mark, draw_marks, draw_observed, draw_probes, draw_unknown
+from runout.report.relief import hillshade
 from runout.report.values import NORMAL, SMALL, Extent, MapStyle, Window, draw_values
 
-SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315, 42
 FEWEST_CELLS = 24  # smallest width of a window
 WIDTH_TO_HEIGHT = 1.0
 WIDE, HIGHEST = 4.2, 3.7  # [inch] width of the sheet and of the map on it
@@ -168,20 +169,9 @@ def draw_ground(axes: Any, basemap: Basemap, window: Window) -> None:
         _contours(axes, basemap, window)
 
 
-def hillshade(elevation: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:
-    """Brightness, 0 to 1, of ground of known elevation (rows, columns) [m] that the sun of :data:`SUN_AZIMUTH_DEG` lights."""
-    from matplotlib.colors import LightSource
-
-    dx, dy = cell_size
-    shade: np.ndarray = LightSource(SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG).hillshade(elevation, vert_exag=1.3, dx=dx, dy=dy)
-    return shade
-
-
 def _contours(axes: Any, basemap: Basemap, window: Window) -> None:
-    from matplotlib.ticker import MaxNLocator
-
     z = basemap.elevation[window]
-    levels = MaxNLocator(9, steps=[1, 2, 5, 10]).tick_values(float(np.nanmin(z)), float(np.nanmax(z)))
+    levels = round_ticks(float(np.nanmin(z)), float(np.nanmax(z)), 9)
     x, y = basemap.easting[window[1]], basemap.northing[window[0]]
     lines = axes.contour(x, y, z, levels=levels, colors="#4a5560", linewidths=0.4, alpha=0.55, zorder=1)
     axes.clabel(lines, levels[::3], fontsize=SMALL, fmt=lambda v: f"{v:.0f} m", inline_spacing=2)
@@ -214,12 +204,6 @@ def _coordinates(axes: Any, width: float) -> None:
         label.set(rotation=90, va="center")
     for spine in axes.spines.values():
         spine.set(linewidth=0.6, color=INK)
-
-
-def round_length(width: float) -> float:
-    """Round length [m] of 1, 2 or 5 times a power of ten that is at most a quarter of ``width`` [m]."""
-    ten = 10.0 ** math.floor(math.log10(width / 4))
-    return max(f * ten for f in (1, 2, 5) if f * ten <= width / 4)
 
 
 def _scale_bar(axes: Any, width: float) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from runout.io.member_maps import MemberMaps
+    from runout.io.member_maps import MemberMaps, StackedMember
 
 ROUNDING = 1e-9  # of summed weights
 
@@ -147,7 +148,9 @@ def _bounds(cells: np.ndarray) -> tuple[slice, slice]:
     return spans[0], spans[1]
 
 
-def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach, least: float | None = None) -> dict[str, float]:
+def member_figures(
+    member: "MemberMaps | StackedMember", ledger: Ledger, reach: Reach, least: float | None = None
+) -> dict[str, float]:
     """Values of :data:`FIGURES` for one member in SI units; area in km², escaped share in percent.
 
     The flow reaches cells in which it is ``least`` [m] thick or more at any time; None: those with a time of arrival.
@@ -172,7 +175,7 @@ def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach, least: fl
     }
 
 
-def _volumes(member: "MemberMaps", escaped: float, reach: Reach) -> dict[str, float]:
+def _volumes(member: "MemberMaps | StackedMember", escaped: float, reach: Reach) -> dict[str, float]:
     """Values of :data:`VOLUMES` [m3] for a member of which the share ``escaped`` [1] of all mass left the raster.
 
     The change of elevation is the deposit less release and eroded depth: so the release is what they leave.
@@ -195,6 +198,18 @@ def _volumes(member: "MemberMaps", escaped: float, reach: Reach) -> dict[str, fl
 def has_volumes(members: "pd.DataFrame") -> bool:
     """Whether the valid members have an erodible bed."""
     return "eroded_volume" in members and bool(members["eroded_volume"].notna().any())
+
+
+def representative_of(path: Path, members: "pd.DataFrame", hazard: "xr.Dataset") -> int:
+    """The :func:`representative` one of valid members (``weight`` by number) of a ``members.nc`` with the maps of ``hazard``."""
+    from runout.io.member_maps import MembersFile
+
+    reach, least = Reach.of(hazard), np.float32(hazard["thickness_threshold"].min())
+    name = QUANTITIES["thickness"].member_map
+    with MembersFile(path) as stack:
+        maps = (stack.member(int(number)).within(name, reach.part) for number in members.index)
+        distances = [reach.runout(np.nan_to_num(values) >= least)[0] for values in maps]
+    return representative(members.assign(runout_distance=distances))
 
 
 def percentiles_of(members: "pd.DataFrame", figure: str) -> tuple[float, float, float]:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
 from runout.forecast.numerical_error import require_error_bars
 from runout.io.atomic import read_json
-from runout.io.member_maps import MemberMaps, member_table
+from runout.io.member_maps import MembersFile, member_table
 from runout.io.probe_files import SITE_FILES
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
@@ -91,7 +90,7 @@ def read_study(results: Path) -> Study:
     with netcdf.LOCK:
         hazard = netcdf.read(_required(results, "hazard.nc"))
         table = member_table(_required(results, "members.nc"))
-        figures, ledgers = _valid_members(results, table, hazard)
+        figures, ledgers = _valid_members(results / "members.nc", table, hazard)
     drawn = _required(results, "outlines.gpkg")
     basemap = Basemap(
         hazard["x"].values,
@@ -136,26 +135,24 @@ def _probes(results: Path) -> "dict[str, xr.Dataset]":
 
 
 def _required(results: Path, name: str) -> Path:
-    return _existing(Path(results) / name)
-
-
-def _existing(path: Path) -> Path:
+    path = Path(results) / name
     if not path.is_file():
         raise StorageError(f"{path}: there is no such file, so there is nothing to report; run `runout hazard` for this site first")
     return path
 
 
-def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, Ledger]]":
-    """Figures and ledgers of the valid members; each file is opened once, and no map is spread over the raster."""
+def _valid_members(path: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, Ledger]]":
+    """Figures and ledgers of the valid members, from ``members.nc`` alone."""
     import pandas as pd
 
     figures: dict[int, dict[str, float]] = {}
     ledgers: dict[int, Ledger] = {}
     reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].min())
-    for member in table.index[table["status"] == "valid"]:
-        with MemberMaps(_existing(members_folder(results) / table["file"][member])) as file:
-            ledgers[member] = file.ledger()
-            figures[member] = member_figures(file, ledgers[member], reach, least)
+    with MembersFile(path) as stack:
+        for number in table.index[table["status"] == "valid"]:
+            member = stack.member(number)
+            ledgers[number] = member.ledger()
+            figures[number] = member_figures(member, ledgers[number], reach, least)
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 

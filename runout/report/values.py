@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.palettes import ANNUAL_RATES, Palette, palette_of, round_edges
+from runout.hazard.round_numbers import round_edges, round_series, round_ticks
+from runout.palettes import ANNUAL_RATES, Palette, palette_of
 from runout.quantities import ALL_QUANTITIES, MapQuantity
 from runout.report.marks import INK
 from runout.report.wording import unit
@@ -16,6 +17,7 @@ Window = tuple[slice, slice]  # rows and columns of the raster
 Extent = tuple[float, float, float, float]  # outer edges west, east, south, north [m]
 
 SMALL, NORMAL = 9.0, 9.5  # [pt]
+MOST_TICKS = 7  # of a logarithmic scale
 VALUES = 2  # order of drawing: the values lie above the ground, and below outlines, labels and frame
 
 
@@ -167,7 +169,7 @@ def draw_colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: M
     elif style.steps:
         bar.set_ticks(style.steps, labels=[f"{step:.4g}" for step in style.steps])
     if style.logarithmic and shown.count():
-        ticks = _logarithmic_ticks(painted.norm.vmin, painted.norm.vmax)
+        ticks = round_series(painted.norm.vmin, painted.norm.vmax, MOST_TICKS)
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
         bar.minorticks_off()
     bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)
@@ -182,23 +184,10 @@ def scale_ticks(norm: Any, style: MapStyle) -> list[tuple[float, str]]:
     if bounds is not None:
         return [(k, f"{round(float(bound), 6):g}") for k, bound in enumerate(bounds)]
     if style.logarithmic and norm.vmin > 0.0:
-        values = _logarithmic_ticks(norm.vmin, norm.vmax)
+        values = round_series(norm.vmin, norm.vmax, MOST_TICKS)
     else:
-        from matplotlib.ticker import MaxNLocator
-
-        values = [float(v) for v in MaxNLocator(5).tick_values(norm.vmin, norm.vmax) if norm.vmin <= v <= norm.vmax]
+        values = round_ticks(norm.vmin, norm.vmax, 5)
     return [(value, f"{value:g}") for value in values]
-
-
-def _logarithmic_ticks(low: float, high: float) -> list[float]:
-    """At most seven round numbers from ``low`` to ``high``."""
-    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for digits in ((1, 2, 5), (1, 3), (1,)):
-        ticks = [digit * 10.0**power for power in powers for digit in digits]
-        ticks = [tick for tick in ticks if low <= tick <= high]
-        if len(ticks) <= 7:
-            return ticks
-    return ticks
 
 
 def _short(value: float) -> str:

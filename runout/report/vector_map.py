@@ -14,14 +14,17 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from runout.report.maps import Basemap, hillshade, round_length
+from runout.hazard.round_numbers import round_length, round_ticks
+from runout.report.maps import Basemap
 from runout.report.marks import INK, OBSERVED, OBSTACLE, PROBE, RELEASE, Mark
+from runout.report.relief import jpeg_address, relief_picture
 from runout.report.values import MapStyle, Window, colour_scale, scale_ticks
 
 WIDTH, TALLEST = 440.0, 470.0  # of a map with its coordinates, and height of the map [units of the picture]
 LEFT, BELOW, EDGE = 20.0, 20.0, 6.0  # room for the coordinates, and at the other sides
 MOST_PIXELS = 1400  # a side of an image; larger windows are thinned out
-SHADE_PIXELS = 900  # about the longer side of the hillshade
+SHADE_PIXELS = 900  # about the longer side of the relief, as a PDF shows each pixel as a square
+DARKEST = 148  # grey of the relief, light enough for print
 BROAD = 0.7  # height over width of maps that are printed in landscape
 CONTOURS = 8
 MOST_LABELS = 14
@@ -63,10 +66,11 @@ class VectorMaps:
 
     def definitions(self) -> Markup:
         """What all maps share; it stands once in a page, before them."""
+        relief = relief_picture(self.ground.elevation, self.ground.cell_size, MOST_PIXELS, DARKEST, SHADE_PIXELS)
         parts = [
             '<pattern id="hatch" width="5" height="5" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
             f'<rect width="5" height="5" fill="#ffffff59"/><path d="M0 0V5" stroke="{OBSTACLE}" stroke-width="1.4"/></pattern>',
-            f'<g id="{self.name}-ground">{self._image(self._hillshade(), smooth=True)}{self._contours()}</g>',
+            f'<g id="{self.name}-ground">{self._image(jpeg_address(relief), smooth=True)}{self._contours()}</g>',
             f'<g id="{self.name}-marks">{"".join(self._marks())}</g>',
             f'<g id="{self.name}-frame">{"".join(self._frame())}</g>',
         ]
@@ -109,22 +113,6 @@ class VectorMaps:
         look = "" if smooth else ' class="v-cells"'
         size = f'width="{self.width:.1f}" height="{self.height:.1f}"'
         return f'<image href="{source}" {size} preserveAspectRatio="none"{look}/>'
-
-    def _hillshade(self) -> str:
-        """Address of the JPEG of the hillshade; ground without elevation is striped."""
-        from PIL import Image
-
-        z = self.ground.elevation[:: self.step, :: self.step]
-        known = np.isfinite(z)
-        spacing = (self.ground.cell_size[0] * self.step, self.ground.cell_size[1] * self.step)
-        filled = np.where(known, z, np.nanmin(z) if known.any() else 0.0)
-        grey = np.clip((hillshade(filled, spacing) + 1.5) / 2.55, 0.0, 1.0) * 255.0
-        stripes = np.where(np.add.outer(*map(np.arange, z.shape)) % 4 == 0, 140.0, 205.0)
-        picture = Image.fromarray(np.where(known, grey, stripes).astype(np.uint8))
-        larger = max(1, round(SHADE_PIXELS / max(z.shape)))  # a PDF shows each pixel as a square
-        buffer = BytesIO()
-        picture.resize((picture.width * larger, picture.height * larger), Image.Resampling.BICUBIC).save(buffer, "jpeg", quality=75)
-        return "data:image/jpeg;base64," + b64encode(buffer.getvalue()).decode("ascii")
 
     def _contours(self) -> str:
         """Contour lines of round elevations; every other one has its elevation."""
@@ -268,17 +256,6 @@ class VectorMaps:
             f'<svg class="bar" viewBox="0 0 {self.width + LEFT + EDGE:.1f} 26" aria-hidden="true">{rects}{numbers}</svg>'
             f'<p class="unit">{escape(style.label)}{most}{_meanings(style)}</p>'
         )
-
-
-def round_ticks(low: float, high: float, count: int) -> list[float]:
-    """About ``count`` multiples of 1, 2 or 5 times a power of ten from ``low`` to ``high``."""
-    if not high > low:
-        return [low]
-    rough = (high - low) / max(count, 1)
-    ten = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * ten for factor in (1.0, 2.0, 5.0, 10.0) if factor * ten >= rough * 0.999)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [float(f"{number * step:.10g}") for number in range(first, last + 1)]
 
 
 def _meanings(style: MapStyle) -> str:

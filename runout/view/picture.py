@@ -7,8 +7,8 @@ import numpy as np
 import pyvista as pv
 
 from runout.palettes import Palette
-from runout.report.maps import hillshade
 from runout.report.marks import INK, RELEASE
+from runout.report.relief import hillshade
 from runout.view import surfaces
 from runout.view.camera import VIEW_ANGLE_DEG, camera_for
 from runout.view.scene import FlowScene

@@ -179,6 +179,8 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
     study.keep()
+    if "report" in done:
+        LOGGER.info("open the report in a browser: %s", study.results / "report.html")
     return _outcome(study, stages, done)
 
 

@@ -6,7 +6,7 @@ from matplotlib.colors import to_hex, to_rgba_array
 
 from runout.hazard.outline_style import outline_styles
 from runout.hazard.style import MapClasses, class_edges
-from runout.palettes import PALETTES, Palette, palette_of, round_edges
+from runout.palettes import PALETTES, Palette, palette_of
 from runout.quantities import ALL_QUANTITIES
 from runout.report.values import STYLES, colour_scale
 
@@ -102,11 +102,3 @@ def test_a_picture_has_the_colours_of_the_classes_and_nothing_where_nothing_happ
     np.testing.assert_array_equal(picture[[0, 0, 1, 1], [1, 2, 0, 1], :3], expected[[0, 1, 1, 2]])
     arrival = MapClasses.of([0.0, 10.0], "s", "first_arrival_time").painted(np.array([[0.0, np.nan]]))
     assert arrival[0, :, 3].tolist() == [204, 0]
-
-
-@pytest.mark.parametrize("largest", [1e-3, 1.0, 7.7, 1e6])
-def test_round_edges_ascend_below_the_largest_value(largest):
-    edges = round_edges(0.0, largest)
-    assert edges == sorted(set(edges))
-    assert edges[0] == 0.0
-    assert largest / 2 <= edges[-1] < largest

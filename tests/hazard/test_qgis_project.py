@@ -18,7 +18,7 @@ from synthetic_ensemble import SHAPE, Products, make_site, make_table, write_all
 from runout.hazard.maps import GROUPS, map_layers
 from runout.hazard.products import write_products
 from runout.hazard.writers.outlines import arrival_edges
-from runout.hazard.writers.qgis_project import OUTLINES, reached_box
+from runout.hazard.writers.qgis_project import MOST_MEMBERS, OUTLINES, reached_box, shown_members
 from runout.io import netcdf
 
 QGIS = os.environ.get("RUNOUT_QGIS_PYTHON", "/usr/bin/python3")
@@ -49,6 +49,8 @@ def test_each_layer_has_its_file_and_the_style_that_lies_beside_it(made: Product
     stored = pyogrio.read_dataframe(made.results / "outlines.gpkg", layer="layer_styles").set_index("f_table_name")["styleQML"]
     assert len(layers) == len(list(root.iter("maplayer"))), "no two layers have the same name"
     for name, layer in layers.items():
+        if name.startswith("member_"):
+            continue
         source, _, table = layer.findtext("datasource").partition("|layername=")
         assert source.startswith("./"), "relative, so that the folder can be moved"
         file = made.results / source
@@ -75,7 +77,7 @@ def test_groups_begin_with_outlines_and_end_with_the_hillshade_and_the_first_vie
     groups = root.findall("layer-tree-group/layer-tree-group")
     assert groups[0].get("name") == "Outlines and release"
     assert groups[-1].get("name") == "Terrain"
-    assert {group.get("name") for group in groups[1:]} <= set(GROUPS.values())
+    assert {group.get("name") for group in groups[1:]} <= {*GROUPS.values(), "Members: largest flow thickness (3)"}
     nodes = [node for group in groups for node in group]
     assert nodes[-1].get("id") == "map_hillshade"
     shown = [node.get("id") for node in nodes if node.get("checked") == "Qt::Checked"]
@@ -126,6 +128,32 @@ def test_rings_of_arrival_hold_each_cell_that_is_reached_once(products: Products
         assert ((times >= row.from_s) & (times < row.to_s)).sum() * cell == pytest.approx(row.geometry.area)
         assert (row.reached_at - rings["reached_at"].iloc[0]).total_seconds() == row.from_s - rings["from_s"].iloc[0]
     assert edges[-1] > np.nanmax(times)
+
+
+def test_each_valid_member_is_a_band_of_members_nc_and_the_median_one_is_named(tmp_path: Path) -> None:
+    site, results = make_site(tmp_path)
+    write_products(site, results, make_table().iloc[::-1], None)
+    layers = {layer.findtext("id"): layer for layer in project(results / "valley.qgz").iter("maplayer")}
+    median = json.loads((results / "run.json").read_text())["representative_member"]
+    for number in range(3):
+        layer = layers[f"member_{number}"]
+        source, band = layer.findtext("datasource"), int(layer.find("pipe/rasterrenderer").get("band"))
+        assert source == 'NETCDF:"./members.nc":max_flow_thickness'
+        with rasterio.open(source.replace("./members.nc", str(results / "members.nc"))) as raster:
+            np.testing.assert_array_equal(
+                raster.read(band), netcdf.read(results / "members" / f"000{number}.nc")["max_flow_thickness"]
+            )
+        friction = f"basal friction angle {12 + 2.5 * number:g}°"
+        words = f"median run-out, {friction}" if number == median else friction
+        assert layer.findtext("layername").lower() == f"member {number}: {words}"
+
+
+def test_of_many_members_some_have_a_layer_among_them_the_median_one() -> None:
+    ensemble = SimpleNamespace(files=dict.fromkeys(range(500)))
+    shown = shown_members(SimpleNamespace(ensemble=ensemble, representative=333))
+    assert 333 in shown
+    assert MOST_MEMBERS / 2 < len(shown) <= MOST_MEMBERS + 1
+    assert set(np.diff([number for number in shown if number != 333])) == {25}
 
 
 @SYSTEMS

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+READY = "document.documentElement?.dataset.explorer === 'ready'"  # of a report: its map is drawn
 OWN = ("file:", "data:", "blob:", "about:")
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe"),

@@ -78,8 +78,8 @@ def write_members(folder, maps):
         ledger(FRICTION[member]).to_netcdf(path, mode="a", group="ledger")
 
 
-def write_members_table(path):
-    """The table of members as ``members.nc`` holds it."""
+def write_members_file(path, maps):
+    """``members.nc``: the table of members, their maps, and their ledgers one behind another."""
     status = ["failed" if m == FAILED else "valid" for m in range(8)]
     columns = {
         "weight": np.full(8, 0.125),
@@ -91,7 +91,16 @@ def write_members_table(path):
         "release_volume_factor": np.tile([0.5, 1.0], 4),
     }
     table = xr.Dataset({k: ("realization", v) for k, v in columns.items()}, coords={"realization": np.arange(8, dtype="i4")})
+    for k, name in enumerate(("max_flow_thickness", "max_speed", "arrival_time")):
+        table[name] = (("realization", "y", "x"), np.stack([maps.get(m, np.full((3, ROWS, COLUMNS), np.nan))[k] for m in range(8)]))
+    table["deposit_thickness"] = 0.4 * table["max_flow_thickness"]
     table.to_netcdf(path)
+    ledgers = {m: ledger(FRICTION[m]) for m in maps}
+    lengths = [ledgers[m].sizes["time"] if m in ledgers else 0 for m in range(8)]
+    names = ("time", *ledgers[0].data_vars)
+    records = {name: ("record", np.concatenate([one[name].values for one in ledgers.values()])) for name in names}
+    records["records"] = ("realization", np.array(lengths, "i4"))
+    xr.Dataset(records).to_netcdf(path, mode="a", group="ledgers")
 
 
 def add_exceedance(hazard, name, dimension, reached):
@@ -172,7 +181,7 @@ def results(tmp_path_factory):
     x, y, _ = valley()
     maps = {m: flow(x, y, f) for m, f in enumerate(FRICTION) if m != FAILED}
     write_members(folder / "members", maps)
-    write_members_table(folder / "members.nc")
+    write_members_file(folder / "members.nc", maps)
     hazard_dataset(maps).to_netcdf(folder / "hazard.nc")
     releases = geopandas.GeoDataFrame({"name": ["scar"]}, geometry=[outline()], crs="EPSG:32616")
     releases.to_file(folder / "outlines.gpkg", layer="release")

@@ -162,11 +162,11 @@ def test_large_windows_get_coarser_cells_and_say_so(study, site, monkeypatch):
 def test_map_of_500_members_stays_small_and_states_its_cells(study, site, monkeypatch):
     random = np.random.default_rng(1)
 
-    def stacked(paths, names, grid):  # fields as rough as those of a flow in a tenth of the cells
+    def stacked(stack, numbers, grid):  # fields as rough as those of a flow in a tenth of the cells
         rows, columns = grid.shape
         reached = (np.abs(np.arange(columns) / columns - 0.5) < 0.2)[None, :] & (np.arange(rows) / rows > 0.3)[:, None]
-        field = random.gamma(2.0, 3.0, (len(paths), rows, columns)).astype(np.float32)
-        return {name: np.where(reached, field, 0.0) for name in names}
+        field = random.gamma(2.0, 3.0, (len(numbers), rows, columns)).astype(np.float32)
+        return {name: np.where(reached, field, 0.0) for name in explorer_members.SHOWN if name in stack.maps}
 
     members = study.members.loc[[0] * 500].reset_index(drop=True)
     monkeypatch.setattr(explorer_members, "stacked", stacked)

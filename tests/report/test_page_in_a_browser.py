@@ -4,18 +4,19 @@ import base64
 import re
 import shutil
 import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from browser import CHROMIUM, Page
+from browser import CHROMIUM, READY, Page
+from PIL import Image
 
 from runout.report.html import write_report
 
 AXE = find_spec("axe_core_python")
 LEAST_CHECKS = 15  # of axe, that find something to check on the page
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium")
-READY = "document.documentElement?.dataset.explorer === 'ready'"
 WIDE = """(() => {
     const beyond = (element) => element.getBoundingClientRect().right > document.documentElement.clientWidth + 1;
     const own = (element) => !element.closest(".scroll, .explorer, svg, .skip");
@@ -72,3 +73,17 @@ def test_the_print_has_one_sheet_a_map_and_no_empty_page(path, tmp_path):
     assert all(f"{k} / {pages}" in text for k, text in enumerate(texts[:pages], 1))
     assert all(len(text.split()) > 25 for text in texts[:pages]), "no empty page"
     assert [number for text in texts for number in re.findall(r"\b(\d) of 5\b", text)] == list("12345")
+
+
+def test_the_pictures_of_the_guide_are_made_of_a_report(path, tmp_path):
+    repository = Path(__file__).parents[2]
+    script = [sys.executable, str(repository / "docs" / "make_report_pictures.py"), str(path), str(tmp_path)]
+    done = subprocess.run(script, capture_output=True, text=True, check=True, timeout=300, cwd=repository)
+    pictures = {Path(line).name: Image.open(line) for line in done.stdout.splitlines()}
+    assert pictures["report_desk.png"].size == (1280, 1500)
+    assert pictures["report_phone.png"].size == (390, 1500)
+    for name, picture in pictures.items():
+        assert len(picture.convert("RGB").getcolors(1 << 24)) > 50, f"{name} is nearly empty"
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("no pdftoppm on this machine: the sheet is not drawn")
+    assert pictures["report_sheet.png"].height > 500

@@ -9,7 +9,7 @@ from matplotlib.transforms import Bbox
 from shapely.geometry import LineString, Point, box
 
 from runout.palettes import PROBABILITY_LEVELS, palette_of
-from runout.report.maps import Basemap, draw_map, png, round_length
+from runout.report.maps import Basemap, draw_map, png
 from runout.report.marks import Mark
 from runout.report.values import STYLES, colour_scale
 
@@ -187,12 +187,6 @@ def test_colours_of_a_difference_are_light_at_zero_and_symmetric_about_it():
     assert max(lightness) == lightness[2]
     assert lightness[0] < lightness[1]
     assert lightness[4] < lightness[3]
-
-
-def test_the_scale_bar_is_a_round_length_of_at_most_a_quarter():
-    assert round_length(8000.0) == 2000.0
-    assert round_length(790.0) == 100.0
-    assert round_length(2100.0) == 500.0
 
 
 def test_labels_of_a_probe_and_a_gauge_at_one_point_do_not_cover_each_other(basemap):

@@ -14,7 +14,7 @@ from runout.report.chart import Chart
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.values import STYLES, colour_scale
-from runout.report.vector_map import EDGE, LEFT, VectorMaps, round_ticks
+from runout.report.vector_map import EDGE, LEFT, VectorMaps
 
 N = 40
 EAST, NORTH = 5000.0 + 10.0 * np.arange(N), 9000.0 - 10.0 * np.arange(N)
@@ -138,12 +138,6 @@ def test_every_style_has_a_colour_bar_with_numbers_inside_it(style):
     assert min(numbers) >= LEFT - 0.1
     assert max(numbers) <= LEFT + maps().width + EDGE
     assert STYLES[style].label.split(" [")[0] in legend
-
-
-def test_round_ticks_are_multiples_of_one_two_or_five_within_the_range():
-    assert round_ticks(0.0, 10.0, 5) == [0, 2, 4, 6, 8, 10]
-    assert round_ticks(748312.0, 753000.0, 5) == [749000, 750000, 751000, 752000, 753000]
-    assert round_ticks(3.0, 3.0, 5) == [3.0]
 
 
 def test_a_chart_places_its_points_and_escapes_its_labels():

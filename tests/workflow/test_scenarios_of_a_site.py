@@ -77,7 +77,7 @@ def test_members_are_events_for_climada(site):
 @pytest.mark.skipif("RUNOUT_CLIMADA" not in os.environ, reason="RUNOUT_CLIMADA names no Python that has the package climada")
 def test_climada_reads_the_members_as_the_guide_says(site, tmp_path):
     """With the package itself, in an environment of its own: its GDAL and that of runout do not go together in one process."""
-    guide = (ROOT / "docs" / "guide" / "outputs.md").read_text(encoding="utf-8").split("## In CLIMADA")[1]
+    guide = (ROOT / "docs" / "guide" / "outputs" / "members.md").read_text(encoding="utf-8").split("## In CLIMADA")[1]
     example = guide.split("```python")[1].split("```")[0]
     saved = f"import numpy\nnumpy.savez({str(tmp_path / 'read.npz')!r}, hazard.intensity.toarray(), hazard.frequency)\n"
     subprocess.run([os.environ["RUNOUT_CLIMADA"], "-c", example + saved], cwd=site, check=True, env={"PATH": os.environ["PATH"]})

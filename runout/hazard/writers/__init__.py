@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Products:
-    """What an ensemble gives, before it is written: ``hazard`` has all maps, with coordinates, units and attributes of files."""
+    """What an ensemble gives, before it is written: ``hazard`` has all maps, with coordinates, units and attributes of files.
+
+    ``representative`` is the valid member with the median run-out, ``snapshots`` are the times [s] that its file keeps.
+    """
 
     hazard: "xr.Dataset"
     ensemble: Ensemble
@@ -35,7 +38,8 @@ class Products:
     observed: Observations | None
     built: StructureProducts
     results: Path
-    snapshots: tuple[float, ...] = ()  # times [s] that the first valid member keeps
+    representative: int
+    snapshots: tuple[float, ...] = ()
 
 
 def write_all(products: Products) -> dict[str, list[Path]]:

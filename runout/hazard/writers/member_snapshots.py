@@ -1,4 +1,7 @@
-"""``maps/snapshots/``: flow thickness of one member at the times that simulation.snapshots keeps, for a player of time."""
+"""``maps/snapshots/``: flow thickness of the member with the median run-out, for a player of time.
+
+Times are those that simulation.snapshots keeps.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +24,7 @@ class Snapshot(NamedTuple):
     Attributes
     ----------
     member : int
-        The first valid one.
+        The representative one.
     start, end : float
         Times from which and until which it shows the flow [s].
     path : Path
@@ -39,7 +42,7 @@ def snapshots(products: Products) -> Iterator[Snapshot]:
     times = products.snapshots
     if not times:
         return
-    member, width = next(iter(products.ensemble.files)), len(str(len(times)))
+    member, width = products.representative, len(str(len(times)))
     last = times[-1] + (times[-1] - times[-2] if len(times) > 1 else 1.0)
     for number, (start, end) in enumerate(zip(times, [*times[1:], last], strict=True)):
         yield Snapshot(member, start, end, FOLDER / f"{MAP}_{number:0{width}d}_at_{start:.6g}s")

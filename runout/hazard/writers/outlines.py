@@ -10,9 +10,9 @@ import numpy as np
 from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of
 from runout.hazard.observed import observed_layers
 from runout.hazard.outline_style import arrival_style, danger_styles, outline_styles
+from runout.hazard.round_numbers import round_edges
 from runout.hazard.writers import Products
 from runout.io.vector import outline, reaches, write_outlines
-from runout.palettes import round_edges
 from runout.quantities import FIRST_ARRIVAL, QUANTITIES
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ It is read-only, since each run writes it anew: save your changes under another 
 """
 
 import math
+import numbers
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +14,18 @@ from xml.etree import ElementTree
 import numpy as np
 
 from runout import __version__
+from runout.config.parameter_variables import parameter_variable
 from runout.hazard.archives import filled, write_archive
 from runout.hazard.maps import GROUPS, headline, map_layers
+from runout.hazard.round_numbers import round_length
+from runout.hazard.style import legend_unit
 from runout.hazard.writers import Products
 from runout.hazard.writers.member_snapshots import snapshots
 from runout.hazard.writers.outlines import ARRIVAL_LAYER, ARRIVAL_START, arrival_edges, moment
 from runout.io.grid import horizontal_crs
 from runout.io.member_maps import SNAPSHOTS
+from runout.quantities import QUANTITIES
+from runout.scores.members import BOOKKEEPING
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,8 +55,10 @@ OUTLINES = {  # layers of outlines.gpkg: group, words, whether they are shown at
 }
 OPEN_GROUPS = {  # above those of the maps
     **{"outlines": "Outlines and release", "structures": "Structures", "probes": "Probes"},
-    SNAPSHOTS: "Snapshots of one member (temporal controller)",
+    SNAPSHOTS: "Snapshots of the member with the median run-out (temporal controller)",
 }
+MEMBERS, MEMBERS_FILE = "members", "members.nc"
+MOST_MEMBERS = 20  # with a layer of their own; of more, some at equal distances
 HILLSHADE = (
     '<pipe><rasterrenderer type="hillshade" band="1" azimuth="315" angle="45" zfactor="1" multidirection="0" opacity="1" '
     'alphaBand="-1" nodataColor=""/><brightnesscontrast brightness="35" contrast="-20" gamma="1"/>'
@@ -101,9 +109,10 @@ def project_content(products: Products) -> dict[str, Any]:
     hazard, terrain = products.hazard, products.terrain
     results, first = products.results, headline(hazard).name
     layers = [*_vector_layers(results, first), *_raster_layers(hazard, results), *_snapshot_layers(products), _hillshade(hazard)]
+    layers[-1:-1] = _member_layers(products)
     groups: list[dict[str, Any]] = [
         {"title": title, "layers": own, "open": any(layer.visible for layer in own)}
-        for name, title in (OPEN_GROUPS | GROUPS).items()
+        for name, title in (OPEN_GROUPS | {MEMBERS: _members_title(products)} | GROUPS).items()
         if (own := [layer for layer in layers if layer.group == name])
     ]
     view = reached_box(hazard)
@@ -116,7 +125,7 @@ def project_content(products: Products) -> dict[str, Any]:
         "crs": _system(terrain),
         "view": view,
         "sheet": sheet,
-        "bar": _round_length((sheet[2] - sheet[0]) / 8),
+        "bar": round_length(sheet[2] - sheet[0], 0.125),
         "labels": _labels(products, title),
         **_times(products),
     }
@@ -143,7 +152,7 @@ def _snapshot_layers(products: Products) -> Iterator[Layer]:
     for one in snapshots(products):
         text = (products.results / f"{one.path}.qml").read_text(encoding="utf-8")
         root = ElementTree.fromstring(text.split("\n", 1)[1])
-        title = f"Flow thickness at {one.start:g} s, member {one.member}"
+        title = f"Flow thickness at {one.start:.4g} s, member {one.member} (median run-out)"
         yield Layer(
             f"snapshot_{one.start:g}",
             title,
@@ -154,6 +163,48 @@ def _snapshot_layers(products: Products) -> Iterator[Layer]:
             shown_classes=_with_meaning(root),
             span=(f"{moment(one.start).isoformat()}Z", f"{moment(one.end).isoformat()}Z"),
         )
+
+
+def shown_members(products: Products) -> list[int]:
+    """Members with a layer of their own: all valid ones, or of many the representative one and others at equal distances."""
+    valid = list(products.ensemble.files)
+    step = math.ceil(len(valid) / MOST_MEMBERS)
+    return sorted({*valid[::step], products.representative})
+
+
+def _members_title(products: Products) -> str:
+    shown, valid = len(shown_members(products)), len(products.ensemble.files)
+    return f"Members: largest flow thickness ({shown if shown == valid else f'{shown} of {valid}'})"
+
+
+def _member_layers(products: Products) -> Iterator[Layer]:
+    """Layers of single members, bands of ``members.nc`` in the colours of the largest thickness of all members."""
+    table, mapped = products.ensemble.table, QUANTITIES["thickness"]
+    path = next(layer.path for layer in map_layers(products.hazard) if layer.name == mapped.peak)
+    root = ElementTree.fromstring((products.results / f"{path}.qml").read_text(encoding="utf-8").split("\n", 1)[1])
+    for number in shown_members(products):
+        renderer = next(root.iter("rasterrenderer"))
+        renderer.set("band", str(table.index.get_loc(number) + 1))
+        yield Layer(
+            f"member_{number}",
+            _member_title(products, number),
+            f'NETCDF:"./{MEMBERS_FILE}":{mapped.member_map}',
+            MEMBERS,
+            _inner(root),
+            legend=False,
+            shown_classes=_with_meaning(root),
+        )
+
+
+def _member_title(products: Products, number: int) -> str:
+    """Number of a member and its sampled parameters."""
+    row = products.ensemble.table.loc[number]
+    parts = ["median run-out"] if number == products.representative else []
+    for name in row.index.difference(BOOKKEEPING, sort=False):
+        variable = parameter_variable(str(name))
+        shown = f"{row[name]:.4g}{legend_unit(variable.units)}" if isinstance(row[name], numbers.Real) else str(row[name])
+        parts.append(f"{variable.long_name} {shown}")
+    return f"Member {number}{': ' if parts else ''}{', '.join(parts)}"
 
 
 def _with_meaning(root: ElementTree.Element) -> str:
@@ -216,12 +267,6 @@ def _fitted(box: Box, ratio: float) -> Box:
     x, y = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
     height = max(box[3] - box[1], (box[2] - box[0]) / ratio)
     return x - ratio * height / 2, y - height / 2, x + ratio * height / 2, y + height / 2
-
-
-def _round_length(length: float) -> float:
-    """Largest of 1, 2, 5 times a power of ten that is not above a length."""
-    power = 10.0 ** math.floor(math.log10(length))
-    return max(digit * power for digit in (1, 2, 5) if digit * power <= length)
 
 
 def _system(terrain: "Terrain") -> dict[str, str]:
