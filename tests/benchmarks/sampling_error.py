@@ -123,7 +123,9 @@ def summary(rows: Sequence[Mapping[str, Any]], sizes: Sequence[int]) -> list[dic
         ratios = [row["ratio"] for row in rows if row["members"] == size and row["ratio"] is not None]
         if ratios:
             numbers = {"least": min(ratios), "median": float(np.median(ratios)), "largest": max(ratios)}
-            found.append({"members": size, "maps": len(ratios), "hold": sum(BOUNDS[0] <= r <= BOUNDS[1] for r in ratios), **numbers})
+            found.append(
+                {"members": size, "maps": len(ratios), "hold": sum(BOUNDS[0] <= r <= BOUNDS[1] for r in ratios), **numbers}
+            )
     return found
 
 
@@ -135,7 +137,9 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of members, table and record")
     parser.add_argument("--members", type=int, default=MEMBERS, help="of the reference, a power of two")
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="members of the sub-ensembles, powers of two from 16 on")
+    parser.add_argument(
+        "--sizes", type=int, nargs="+", default=SIZES, help="members of the sub-ensembles, powers of two from 16 on"
+    )
     parser.add_argument("--sites", nargs="+", default=SITES, help="names below sites/, or paths")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--workers", type=int, help="members that run at once")
