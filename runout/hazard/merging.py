@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,6 @@ PROBABILITY, BY_SOURCE, MAIN, COUNT = "inundation_probability", "source_probabil
 SAME_LATTICE = 1e-3  # of a cell, by which the cells of two sites may differ
 INDEPENDENT = "1 - product of 1 - P of the sources, which count as independent, if each of them happens"
 SUM = "sum of the annual rates of the sources"
-
-Join = Callable[[np.ndarray, np.ndarray], np.ndarray]
-_any: Join = lambda a, b: 1.0 - (1.0 - a) * (1.0 - b)  # noqa: E731
 
 
 @dataclass(frozen=True)
@@ -162,53 +159,92 @@ def _require_one_system(grids: Mapping[str, Grid], sources: Mapping[str, Path]) 
             raise ConfigError(f"the coordinate systems differ: {'; '.join(systems)}; give all sites elevations in one system")
 
 
-def _plans(maps: "xr.Dataset") -> Iterator[tuple[str, Join, float, str]]:
-    """Name of each map that is merged, how two values join, the value of a source that does not arrive, and words."""
+class Plan(NamedTuple):
+    """How a map is merged: what joins two values, the value of a source that does not arrive, and words."""
+
+    join: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    absent: float
+    words: str
+
+
+def _any(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Probability of any of two independent events."""
+    return 1.0 - (1.0 - a) * (1.0 - b)
+
+
+def _plans(maps: "xr.Dataset") -> Iterator[tuple[str, Plan]]:
+    """Name of each map that is merged, and how."""
     for quantity in ALL_QUANTITIES.values():
         if quantity.peak in maps:
-            yield quantity.peak, np.fmax, 0.0, "largest of the sources"
+            yield quantity.peak, Plan(np.maximum, 0.0, "largest of the sources")
         if quantity.exceedance("probability") in maps:
-            yield quantity.exceedance("probability"), _any, 0.0, INDEPENDENT
+            yield quantity.exceedance("probability"), Plan(_any, 0.0, INDEPENDENT)
         if quantity.annual_exceedance in maps:
-            yield quantity.annual_exceedance, np.add, 0.0, SUM
-    yield PROBABILITY, _any, 0.0, INDEPENDENT
-    yield FIRST_ARRIVAL, np.fmin, np.nan, "earliest of the sources"
+            yield quantity.annual_exceedance, Plan(np.add, 0.0, SUM)
+    yield PROBABILITY, Plan(_any, 0.0, INDEPENDENT)
+    yield FIRST_ARRIVAL, Plan(np.fmin, np.nan, "earliest of the sources")
+
+
+class _Joined:
+    """The maps while sources are joined, on the merged grid.
+
+    Attributes
+    ----------
+    plans : dict of str to Plan
+        Maps that all sources so far have.
+    values : dict of str to ndarray
+        Values (..., rows, columns) of each.
+    left_out : set of str
+        Maps that only some sources have.
+    """
+
+    def __init__(self, grid: Grid, first: "xr.Dataset"):
+        self.grid, self.plans = grid, dict(_plans(first))
+        self.values = {name: np.full((*first[name].shape[:-2], *grid.shape), plan.absent) for name, plan in self.plans.items()}
+        self.left_out: set[str] = set()
+        self.elevation, self.largest = np.full(grid.shape, np.nan), np.zeros(grid.shape)
+        self.main, self.count = np.zeros(grid.shape, np.int16), np.zeros(grid.shape, np.int16)
+
+    def take(self, number: int, maps: "xr.Dataset") -> None:
+        """Join the maps of a source."""
+        place, to_grid = self.grid.placed(Grid.of(maps))
+        for name in sorted((self.plans.keys() ^ dict(_plans(maps)).keys()) - self.left_out):
+            LOGGER.warning("not all sites have %s, which is left out", name)
+            self.left_out.add(name)
+            self.plans.pop(name, None)
+        ground, probability = to_grid(maps["elevation"].values), np.nan_to_num(to_grid(maps[PROBABILITY].values))
+        self.elevation[place] = np.where(np.isnan(self.elevation[place]), ground, self.elevation[place])
+        self.main[place] = np.where(probability > self.largest[place], number, self.main[place])
+        self.largest[place] = np.maximum(self.largest[place], probability)
+        self.count[place] += (probability > 0).astype(np.int16)
+        for name, plan in self.plans.items():
+            values = to_grid(maps[name].values.astype(np.float64))
+            target = self.values[name][..., place[0], place[1]]
+            target[...] = plan.join(target, values if np.isnan(plan.absent) else np.nan_to_num(values))
+
+    def maps(self) -> Iterator[tuple[str, np.ndarray, str]]:
+        """Name, values and words of each map; NaN where no site has an elevation."""
+        for name, plan in self.plans.items():
+            yield name, np.where(np.isfinite(self.elevation), self.values[name], np.nan), plan.words
+        yield MAIN, self.main, ""
+        yield COUNT, self.count, ""
 
 
 def _merged(sources: Mapping[str, Path], grid: Grid, title: str) -> "xr.Dataset":
     """Merged maps on a grid; NaN where no site has a value."""
-    outputs: dict[str, np.ndarray] = {}
-    known, elevation = np.zeros(grid.shape, bool), np.full(grid.shape, np.nan)
-    largest, main, count = np.zeros(grid.shape), np.zeros(grid.shape, np.int16), np.zeros(grid.shape, np.int16)
-    first, plans, common = None, {}, None
-    for number, path in enumerate(sources.values(), 1):
+    paths = list(sources.values())
+    first = _opened(paths[0])
+    joined = _Joined(grid, first)
+    for number, path in enumerate(paths, 1):
         maps = _opened(path)
-        place, take = grid.placed(Grid.of(maps))
-        here = {name: (join, start, words) for name, join, start, words in _plans(maps)}
-        first, plans = (maps, here) if first is None else (first, plans)
         _require_thresholds(first, maps, path)
-        common = set(here) if common is None else common & set(here)
-        ground, probability = take(maps["elevation"].values), np.nan_to_num(take(maps[PROBABILITY].values))
-        known[place] |= np.isfinite(ground)
-        elevation[place] = np.where(np.isnan(elevation[place]), ground, elevation[place])
-        main[place] = np.where(probability > largest[place], number, main[place])
-        largest[place] = np.maximum(largest[place], probability)
-        count[place] += (probability > 0).astype(np.int16)
-        for name in common & plans.keys():
-            join, start, _ = plans[name]
-            values = take(maps[name].values.astype(np.float64))
-            if name not in outputs:
-                outputs[name] = np.full((*values.shape[:-2], *grid.shape), start)
-            target = outputs[name][..., place[0], place[1]]
-            target[...] = join(target, values if name == FIRST_ARRIVAL else np.nan_to_num(values))
-    assert first is not None and common is not None
-    dropped = sorted(set(outputs) - common)
-    if dropped:
-        LOGGER.warning("not all sites have %s, which is left out", ", ".join(dropped))
-    dataset = _dataset(grid, elevation, sources, title)
-    for name in [*(name for name in plans if name in common), MAIN, COUNT]:
-        values = {MAIN: main, COUNT: count}.get(name, outputs.get(name))
-        _add(dataset, name, values, first, known, plans.get(name, (None, 0.0, ""))[2])
+        joined.take(number, maps)
+    dataset = _dataset(grid, joined.elevation, sources, title)
+    for name, values, words in joined.maps():
+        dims = tuple(map(str, first[name].dims[:-2])) if name in first else ()
+        dataset = dataset.assign_coords({dim: first[dim] for dim in dims if dim not in dataset.coords})
+        netcdf.add_map(dataset, name, values, dims)
+        dataset[name].attrs |= {"comment": f"over the sources: {words}"} if words else {}
     return dataset
 
 
@@ -225,23 +261,11 @@ def _dataset(grid: Grid, elevation: np.ndarray, sources: Mapping[str, Path], tit
     terrain = Terrain(elevation, grid.cell, grid.west, grid.edges[1], grid.crs, source="merged sites")
     dataset = netcdf.map_dataset(terrain, {"elevation": elevation}, title=f"{title}: merged hazard maps")
     dataset.attrs |= {
-        "summary": f"Hazard maps of {len(sources)} sources, each of which has an ensemble of its own. Probabilities are conditional "
-        "on the release of every source; the sources count as independent.",
+        "summary": f"Hazard maps of {len(sources)} sources, each of which has an ensemble of its own. "
+        "Probabilities are conditional on the release of every source; the sources count as independent.",
     }
     numbers = np.arange(1, len(sources) + 1, dtype=np.int32)
     return dataset.assign_coords(source=numbers, source_name=("source", np.array(list(sources), dtype=object)))
-
-
-def _add(dataset: "xr.Dataset", name: str, values: Any, first: "xr.Dataset", known: np.ndarray, words: str) -> None:
-    """Put a map in, with the thresholds of the first site."""
-    dims = tuple(map(str, first[name].dims[:-2])) if name in first else ()
-    for dim in dims:
-        if dim not in dataset.coords:
-            dataset.coords[dim] = first[dim]
-    cells = values if values.dtype.kind == "i" else np.where(known, values, np.nan)
-    netcdf.add_map(dataset, name, cells, dims)
-    if words:
-        dataset[name].attrs["comment"] = f"over the sources: {words}"
 
 
 def _write(merged: "xr.Dataset", sources: Mapping[str, Path], grid: Grid, path: Path) -> Path:

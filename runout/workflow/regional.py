@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout.errors import ConfigError, ExitCode, RunoutError
+from runout.errors import ConfigError, ExitCode, InputError, RunoutError
 
 if TYPE_CHECKING:
     import geopandas as gpd
@@ -81,8 +81,8 @@ def _require_apart(site: "Site", annual_rate: str | None) -> None:
             message = f"{file}: release {release.name} waits for {release.starts_when.arrives}, so that both fail together"
             raise ConfigError(f"{message}; remove starts_when, or run them as one site")
     for scenario in settings.ensemble.scenarios or ():
-        if len(scenario.releases or ()) > 1:
-            message = f"{file}: in scenario {scenario.name} {len(scenario.releases)} releases fail together"
+        if len(together := scenario.releases or ()) > 1:
+            message = f"{file}: in scenario {scenario.name} {len(together)} releases fail together"
             raise ConfigError(f"{message}; give each release a scenario of its own, or run them as one site")
     if annual_rate is not None and (settings.ensemble.scenarios or settings.ensemble.table):
         raise ConfigError(f"--annual-rate {annual_rate}: {file} states scenarios or a table already; remove one of the two")
@@ -169,7 +169,10 @@ def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) ->
             _write_polygon(source.polygon, place / "inputs" / POLYGON)
             content["release"][0] |= {"polygons": f"inputs/{POLYGON}"}
             content["release"][0].pop("layer", None)
-        extent = _extent(site, content, place)
+        try:
+            extent = _extent(site, content, place)
+        except InputError as error:
+            raise InputError(f"source {source.name}: {error}") from error
         if extent is not None:
             content["terrain"]["extent"] = extent
         _write_changed(place / "site.yaml", _yaml(content))
@@ -236,7 +239,8 @@ def _yaml(content: Mapping[str, Any]) -> str:
     """Settings as the text of a site.yaml."""
     from ruamel.yaml import YAML
 
-    yaml, text = YAML(typ="safe", pure=True), io.StringIO()
+    yaml: Any = YAML(typ="safe", pure=True)
+    text = io.StringIO()
     yaml.default_flow_style, yaml.sort_base_mapping_type_on_output = False, False
     yaml.dump(dict(content), text)
     return text.getvalue()

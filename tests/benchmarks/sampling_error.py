@@ -3,14 +3,14 @@
     python -m tests.benchmarks.sampling_error --out DIR [--members 512] [--sizes 16 32 64 128] [--device cuda:0] [--workers 1]
         [--sites jacksboro frank_slide] [--set KEY=VALUE ...]
 
-The members of a site are one Sobol net. Each block of n consecutive members is a net of its own, as an ensemble of n members is. For
-each block the estimator of the products (:mod:`runout.hazard.sampling`) states an error in each cell. The true error is the
+The members of a site are one Sobol net. Each block of n consecutive members is a net of its own, as an ensemble of n members is.
+For each block the estimator of the products (:mod:`runout.hazard.sampling`) states an error in each cell. The true error is the
 difference of its map from that of all N members, divided by sqrt(1 - n / N), since the block is a part of them. The table has the
-root mean square of both over the cells that any member reaches and over the blocks, and their ratio, which is to lie within 0.8 and
-1.5. The error of independent members, sqrt(p (1 - p) / n), stands beside them.
+root mean square of both over the cells that any member reaches and over the blocks, and their ratio, which is to lie within 0.8
+and 1.5. The error of independent members, sqrt(p (1 - p) / n), stands beside them.
 
-Members are kept in DIR/SITE/members, so that a second call goes on. DIR/sampling_error.json is the record, DIR/sampling_error.md the
-table. frank_slide reads its rasters below RUNOUT_DATA.
+Members are kept in DIR/SITE/members, so that a second call goes on. DIR/sampling_error.json is the record,
+DIR/sampling_error.md the table. frank_slide reads its rasters below RUNOUT_DATA.
 """
 
 import argparse
@@ -67,7 +67,7 @@ def stacks(files: Sequence[Path], thresholds: Mapping[str, Sequence[float]]) -> 
 
 
 def row_of(values: np.ndarray, size: int) -> dict[str, Any]:
-    """Root mean square of stated, true and independent errors of the blocks of ``size`` members, over cells that any member reaches.
+    """Root mean square of stated, true and independent errors of the blocks of ``size`` members, over all cells reached.
 
     Parameters
     ----------
