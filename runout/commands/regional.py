@@ -50,17 +50,9 @@ def merge(
     session: Injected,
 ) -> int:
     """Merge the hazard maps of several sites; --out FOLDER takes merged.nc and maps/ [default: merged]."""
-    from runout.hazard.merging import write_merged
+    from runout.hazard.merging import product_of, write_merged
 
-    for path in write_merged([_product(one) for one in (site, *more)], session.out or Path("merged")):
+    for path in write_merged([product_of(one) for one in (site, *more)], session.out or Path("merged")):
         LOGGER.debug("wrote %s", path)
     LOGGER.info("merged %d sites in %s", 1 + len(more), session.out or Path("merged"))
     return ExitCode.OK
-
-
-def _product(path: Path) -> Path:
-    """The hazard.nc of a site or of its results."""
-    if path.is_file() and path.suffix == ".nc":
-        return path
-    folder = path.parent if path.is_file() else path
-    return next((one for one in (folder / "hazard.nc", folder / "results" / "hazard.nc") if one.is_file()), folder / "hazard.nc")

@@ -127,6 +127,14 @@ def write_merged(products: Sequence[Path], folder: Path, title: str = "Several s
     return [path, *_write_rasters(merged, folder / MAPS), *_write_sources(sources, grid, merged, folder / MAPS)]
 
 
+def product_of(path: Path) -> Path:
+    """The hazard.nc of a site, of its results, or the file itself."""
+    if path.is_file() and path.suffix == ".nc":
+        return path
+    folder = path.parent if path.is_file() else path
+    return next((one for one in (folder / "hazard.nc", folder / "results" / "hazard.nc") if one.is_file()), folder / "hazard.nc")
+
+
 def _opened(path: Path) -> "xr.Dataset":
     if not path.is_file():
         raise InputError(f"{path}: no such file; `runout run` makes it")
