@@ -74,7 +74,7 @@ def row_of(values: np.ndarray, size: int) -> dict[str, Any]:
     values : ndarray (cells, members)
         In the order of the net.
     """
-    from runout.hazard.sampling import BLOCKS, Estimator
+    from runout.hazard.sampling import BLOCKS, Estimator, evenness
 
     members, estimator, blocks = values.shape[1], Estimator(BLOCKS, ""), values.shape[1] // size
     reached = values[values.max(axis=1) > 0]
@@ -82,7 +82,8 @@ def row_of(values: np.ndarray, size: int) -> dict[str, Any]:
     squares = np.zeros(3)
     for k in range(blocks):
         block = reached[:, k * size : (k + 1) * size]
-        stated = estimator.of_mean(block, np.arange(size), size)
+        factor = evenness(estimator.deviations(block, np.arange(size), size))
+        stated = factor * estimator.of_mean(block, np.arange(size), size)  # type: ignore[operator]
         mean = block.mean(axis=1, dtype=np.float64)
         variance = block.var(axis=1, dtype=np.float64) / size
         squares += [np.mean(np.square(stated)), np.mean(np.square(mean - whole)) / part, np.mean(variance)]  # type: ignore[arg-type]
