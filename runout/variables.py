@@ -200,6 +200,18 @@ _BOUNDARY = {
     ),
 }  # fmt: skip
 
+_MERGED = {
+    "source_probability": Variable(
+        "1", "conditional probability that the maximum flow thickness of a source reaches or exceeds the lowest threshold",
+        valid_min=0.0, valid_max=1.0, comment=_FRACTION,
+    ),
+    "main_source": Variable(
+        "1", "number of the source that reaches the cell with the largest probability", dtype="int16", valid_min=0,
+        comment="0 where no source arrives; source_name holds the names",
+    ),
+    "sources_reached": Variable("1", "number of the sources that reach the cell", dtype="int16", valid_min=0),
+}  # fmt: skip
+
 _DECIDING = {
     "deciding_error": Variable(
         "1", "largest of three errors of the mean over the members of the maximum flow thickness", dtype="uint8",
@@ -299,6 +311,8 @@ _ENSEMBLE = {
 
 _COORDINATES = {
     **{q.threshold: Variable(q.units, f"threshold of the {q.extreme}", dtype="float64") for q in ALL_QUANTITIES.values()},
+    "source": Variable("1", "number of the source", dtype="int32"),
+    "source_name": Variable("", "name of the source", dtype="str"),
     "joint": Variable("1", "number of the joint condition", dtype="int32"),
     "joint_condition": _text("joint condition in words"),
     **{
@@ -422,6 +436,7 @@ VARIABLES: dict[str, Variable] = {
     **_OF_A_BED,
     **_DANGER,
     **_DECIDING,
+    **_MERGED,
     **_BOUNDARY,
     **_SLOPES,
     **_DIFFERENCES,

@@ -1,7 +1,7 @@
 """Commands that make, run and compare sites."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any, Literal
@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from runout.commands.options import Budget, Changes, Device, Injected, OnCluster, Session, SiteArgument, Threads, Workers, command
 from runout.commands.written import Written
-from runout.errors import ConfigError, ExitCode, RunoutError
+from runout.errors import ConfigError, ExitCode
 
 LOGGER = logging.getLogger(__name__)
 RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
@@ -73,6 +73,7 @@ def run(
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from runout.workflow.hazard_map import STAGES
+    from runout.workflow.regional import run_each
 
     choices: dict[str, Any] = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
     choices |= {"force": force, "cluster": cluster, "changes": changes, "budget": budget}
@@ -80,7 +81,7 @@ def run(
         return _stages(site, STAGES, session, **choices)
     if session.out is not None:
         raise ConfigError(f"--out {session.out} is one folder, and {1 + len(more)} sites are given; remove it, or run one site")
-    return _of_each((site, *more), lambda one: _stages(one, STAGES, session, **choices))
+    return run_each((site, *more), lambda one: _stages(one, STAGES, session, **choices))
 
 
 @command(short=True)
@@ -209,24 +210,6 @@ def compare(
 
     choices = Choices(quantity, threshold, probability, thalweg, dem, half_width, slope_normal, nodata, layer)
     return command(first, second, choices, session.out)
-
-
-def _of_each(sites: Sequence[Path], run_one: Callable[[Path], int]) -> int:
-    """Exit code of a command for sites one after the other: that of all sites that fail if it is one, else FAILURE.
-
-    A site that fails does not keep the others from running; its error is logged.
-    """
-    codes = []
-    for number, site in enumerate(sites, 1):
-        LOGGER.info("site %d of %d: %s", number, len(sites), site)
-        try:
-            codes.append(run_one(site))
-        except RunoutError as error:
-            LOGGER.error("%s: %s", site, error)
-            codes.append(error.exit_code)
-    failed = {code for code in codes if code != ExitCode.OK}
-    LOGGER.info("%d of %d sites done", codes.count(ExitCode.OK), len(sites))
-    return failed.pop() if len(failed) == 1 else ExitCode.FAILURE if failed else ExitCode.OK
 
 
 def _stages(site: Path, stages: Sequence[str], session: Session, **choices: Any) -> int:

@@ -11,7 +11,7 @@ from runout.processes.caches import fault_of_owner
 ELSEWHERE = "name another place"
 OTHERWISE = "or choose another folder with --out"
 RESULT_FILES = (  # endings in a results folder
-    *(".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg", ".qgz", ".kmz", ".txt"),
+    *(".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg", ".qgz", ".kmz", ".txt", ".xml"),
 )
 SECOND_GRID = "second_grid"  # folder in the results with the same members on larger cells
 RESULT_FOLDERS = (

@@ -1,0 +1,58 @@
+"""Commands for many sources in one region: a site for each, and merged maps."""
+
+import logging
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from runout.commands.options import Changes, Device, Injected, SiteArgument, Threads, Workers, command
+from runout.errors import ExitCode
+
+LOGGER = logging.getLogger(__name__)
+
+
+@command(writes=False)
+def regional(
+    site: SiteArgument,
+    *,
+    annual_rate: Annotated[
+        str | None, Parameter(help="Attribute of the polygons that holds the annual rate of each source.")
+    ] = None,
+    sites_only: Annotated[bool, Parameter(negative="", help="Write the sites of the sources, and run nothing.")] = False,
+    workers: Workers = None,
+    threads: Threads = None,
+    device: Device = None,
+    changes: Changes = (),
+    session: Injected,
+) -> int:
+    """Run each release or polygon of a site as a site of its own and merge the maps; goes on where it was broken off.
+
+    Writes SITE/regional, or the folder of --out: sources/NAME with site.yaml and results, merged.nc and maps/.
+    """
+    from runout.config.site import read_site
+    from runout.workflow.regional import FOLDER, run_regional, write_sources
+
+    read = read_site(site, changes)
+    folder = session.out or read.folder / FOLDER
+    if sites_only:
+        places = write_sources(read, folder, annual_rate)
+        LOGGER.info("wrote %d sites below %s", len(places), folder)
+        return ExitCode.OK
+    choices: dict[str, Any] = {"workers": workers, "threads": threads, "device": device}
+    return run_regional(read, folder, annual_rate, **choices)
+
+
+@command(writes=False)
+def merge(
+    site: Annotated[Path, Parameter(help="A site, its results, or its hazard.nc.")],
+    *more: Annotated[Path, Parameter(help="Further ones.")],
+    session: Injected,
+) -> int:
+    """Merge the hazard maps of several sites; --out FOLDER takes merged.nc and maps/ [default: merged]."""
+    from runout.hazard.merging import product_of, write_merged
+
+    for path in write_merged([product_of(one) for one in (site, *more)], session.out or Path("merged")):
+        LOGGER.debug("wrote %s", path)
+    LOGGER.info("merged %d sites in %s", 1 + len(more), session.out or Path("merged"))
+    return ExitCode.OK

@@ -1,0 +1,280 @@
+"""Regional work: each release of a site becomes a site of its own on a part of the elevation raster, and their maps are merged.
+
+The folder of the sources has one site folder for each, with a site.yaml and its polygon, so that any command and any scheduler runs
+them. Files that have not changed are not written again: a second call computes what is missing only.
+"""
+
+import io
+import logging
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout.errors import ConfigError, ExitCode, InputError, RunoutError
+
+if TYPE_CHECKING:
+    import geopandas as gpd
+
+    from runout.config.site import Site
+
+LOGGER = logging.getLogger("runout.regional")
+FOLDER, SOURCES, POLYGON = "regional", "sources", "release.fgb"
+STAGES = ("terrain", "release", "ensemble", "hazard")
+WHOLE = ("probes", "structures", "bed")  # blocks whose places may lie anywhere, so that a source keeps the extent of the site
+_LOCAL = ("obstacles", "friction_zones", "friction_rasters")  # such blocks of the terrain
+NAME, LONGEST = re.compile(r"[^A-Za-z0-9_-]+"), 60
+
+
+@dataclass(frozen=True)
+class Source:
+    """A release of a site, or one polygon of it.
+
+    Attributes
+    ----------
+    name : str
+        Name of its site.
+    settings : dict
+        Content of its site.yaml, with paths relative to the folder of the site that it is of.
+    polygon : geopandas.GeoDataFrame or None
+        Its polygon with all attributes; None for a raster of thickness.
+    """
+
+    name: str
+    settings: dict[str, Any]
+    polygon: "gpd.GeoDataFrame | None" = field(default=None, repr=False)
+
+
+def sources_of(site: "Site", annual_rate: str | None = None) -> list[Source]:
+    """The sources of a site: one for each polygon of its releases, and for each raster of thickness.
+
+    Parameters
+    ----------
+    annual_rate : str or None
+        Attribute of the polygons that holds the annual rate of the source [1/a]; it becomes a scenario of that rate.
+
+    Raises
+    ------
+    ConfigError
+        If the releases cannot stand alone: one waits for another one, a scenario lets several fail, the volume of several polygons
+        is stated as a sum, there is an inflow, or a rate is missing.
+    """
+    _require_apart(site, annual_rate)
+    found: list[Source] = []
+    for number, stated in enumerate(site.stated()["release"]):
+        for feature, (name, polygon) in enumerate(_features(site, number), 1):
+            unique = name if name not in [one.name for one in found] else f"{name}_{feature}"
+            rate = None if annual_rate is None else _rate(site, polygon, annual_rate, unique)
+            found.append(Source(unique, _settings(site, stated, unique, rate), polygon))
+    return found
+
+
+def _require_apart(site: "Site", annual_rate: str | None) -> None:
+    settings, file = site.settings, site.file
+    if settings.inflow:
+        raise ConfigError(f"{file}: an inflow is no release that stands alone; remove `inflow`, and run it as a site of its own")
+    for release in settings.release:
+        if release.starts_when:
+            message = f"{file}: release {release.name} waits for {release.starts_when.arrives}, so that both fail together"
+            raise ConfigError(f"{message}; remove starts_when, or run them as one site")
+    for scenario in settings.ensemble.scenarios or ():
+        if len(together := scenario.releases or ()) > 1:
+            message = f"{file}: in scenario {scenario.name} {len(together)} releases fail together"
+            raise ConfigError(f"{message}; give each release a scenario of its own, or run them as one site")
+    if annual_rate is not None and (settings.ensemble.scenarios or settings.ensemble.table):
+        raise ConfigError(f"--annual-rate {annual_rate}: {file} states scenarios or a table already; remove one of the two")
+
+
+def _features(site: "Site", number: int) -> "Iterator[tuple[str, gpd.GeoDataFrame | None]]":
+    """Name and polygon of each source of a release."""
+    from runout.config.fetch import locate
+    from runout.config.stated_at import stated_at
+    from runout.io.polygons import read_frame
+
+    release = site.settings.release[number]
+    if release.polygons is None:
+        yield release.name, None
+        return
+    with stated_at(site.file, "release", number, "polygons"):
+        frame, _ = read_frame(Path(locate(release.polygons, site.folder)), release.layer, "release")
+    if len(frame) > 1 and release.volume is not None:
+        message = f"{site.file}: release {release.name} has one volume for {len(frame)} polygons, whose shares are not known"
+        raise ConfigError(f"{message}; state the thickness, or an attribute that holds it")
+    for row in range(len(frame)):
+        yield _name(frame, row, release.name), frame.iloc[[row]]
+
+
+def _name(frame: "gpd.GeoDataFrame", row: int, release: str) -> str:
+    """Name of a polygon: its attribute ``name``, else the release, with its number among several."""
+    stated = frame["name"].iloc[row] if "name" in frame and len(frame) > 1 else None
+    cleaned = NAME.sub("_", str(stated)).strip("_-")[:LONGEST] if isinstance(stated, str) else ""
+    return cleaned or (release if len(frame) == 1 else f"{release}_{row + 1:0{len(str(len(frame)))}d}")
+
+
+def _rate(site: "Site", polygon: "gpd.GeoDataFrame | None", attribute: str, name: str) -> float:
+    """Annual rate [1/a] of a source from an attribute of its polygon."""
+    value = None if polygon is None or attribute not in polygon else polygon[attribute].iloc[0]
+    try:
+        rate = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        rate = 0.0
+    if not 0.0 < rate < float("inf"):
+        where = f"{site.file}: source {name}" if value is not None else f"{site.file}: source {name} has no such attribute"
+        raise ConfigError(f"--annual-rate {attribute}: {where}, value {value}; a number of events in a year above 0 is needed")
+    return rate
+
+
+def _settings(site: "Site", stated: Mapping[str, Any], name: str, rate: float | None) -> dict[str, Any]:
+    """Content of the site.yaml of a source."""
+    content = deepcopy(site.stated())
+    title = content.get("title") or site.name
+    content |= {"name": name, "title": f"{title}: {name}", "release": [dict(stated)]}
+    content.pop("observations", None)  # of the event of all sources
+    ensemble = content.get("ensemble", {})
+    of_release = stated["name"]
+    if "scenarios" in ensemble:
+        own = [dict(one) for one in ensemble["scenarios"] if not one.get("releases") or one["releases"] == [of_release]]
+        if not own:
+            raise ConfigError(f"{site.file}: no scenario lets release {of_release} fail; add one, or remove the release")
+        ensemble["scenarios"] = [{key: value for key, value in one.items() if key != "releases"} for one in own]
+    if rate is not None:
+        ensemble["scenarios"] = [{"name": "event", "annual_rate": rate}]
+    return content
+
+
+def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) -> list[Path]:
+    """Folders of the sites of all sources below ``folder``, after writing what has changed; the first is that of the first release.
+
+    Each has the part of the elevation raster that its largest mass can reach, from the energy line at the least friction. Sites
+    with probes, structures, an erodible bed, obstacles or friction zones keep the extent of the site.
+
+    Raises
+    ------
+    ConfigError
+        See :func:`sources_of`.
+    InputError, StorageError
+        If an input cannot be used, or the folder cannot be written.
+    """
+    if site.settings.observations:
+        LOGGER.info("observations are left out: they are of all sources together")
+    paths = []
+    for source in sources_of(site, annual_rate):
+        place = folder / SOURCES / source.name
+        (place / "inputs").mkdir(parents=True, exist_ok=True)
+        content = moved(source.settings, site.folder, place)
+        if source.polygon is not None:
+            _write_polygon(source.polygon, place / "inputs" / POLYGON)
+            content["release"][0] |= {"polygons": f"inputs/{POLYGON}"}
+            content["release"][0].pop("layer", None)
+        try:
+            extent = _extent(site, content, place)
+        except InputError as error:
+            raise InputError(f"source {source.name}: {error}") from error
+        if extent is not None:
+            content["terrain"]["extent"] = extent
+        _write_changed(place / "site.yaml", _yaml(content))
+        paths.append(place)
+    return paths
+
+
+def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
+    """Settings whose paths of input files are relative to a new folder; public files and samples keep their names."""
+    from runout.config.site_files import named_inputs
+    from runout.io.source_kinds import file_in, with_file
+
+    result = deepcopy(dict(content))
+    for location, value in named_inputs(content):
+        if not isinstance(value, str) or value.startswith("matplotlib:") or Path(file_in(value)).is_absolute():
+            continue
+        block: Any = result
+        for key in location[:-1]:
+            block = block[key]
+        path = os.path.relpath((old / file_in(value)).absolute(), new.absolute())
+        block[location[-1]] = path if file_in(value) == value else with_file(value, Path(path))
+    return result
+
+
+def _extent(site: "Site", content: Mapping[str, Any], place: Path) -> list[float] | None:
+    """West, south, east and north of the part of the raster of a source; None: that of the site."""
+    from runout.config.document import read_text
+    from runout.config.extent import needed_extent
+    from runout.config.read import FILE_NAME, checked
+    from runout.io.source_kinds import is_mesh
+
+    terrain = content["terrain"]
+    if any(content.get(key) for key in WHOLE) or any(terrain.get(key) for key in _LOCAL) or is_mesh(site.settings.terrain.dem):
+        return None
+    derived = needed_extent(checked(read_text(_yaml(content), f"{place.name}/{FILE_NAME}"), place), place / FILE_NAME, largest=0)
+    stated = terrain.get("extent")
+    if derived is None:
+        return None
+    pairs = enumerate(zip(derived.edges, stated or derived.edges, strict=True))
+    return [round(max(a, b) if k < 2 else min(a, b), 6) for k, (a, b) in pairs]
+
+
+def _write_polygon(polygon: "gpd.GeoDataFrame", path: Path) -> None:
+    """Write a polygon as FlatGeobuf, whose bytes follow from its content alone, unless the file has these bytes."""
+    import warnings
+
+    from runout.io.part import part_folder
+
+    with part_folder(path) as part, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="'crs' was not provided")  # a local system has none
+        polygon.reset_index(drop=True).to_file(part / path.name, driver="FlatGeobuf", engine="pyogrio")
+        if not path.is_file() or path.read_bytes() != (part / path.name).read_bytes():
+            os.replace(part / path.name, path)
+
+
+def _write_changed(path: Path, text: str) -> None:
+    from runout.io.atomic import write_text
+
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_text(text, path)
+
+
+def _yaml(content: Mapping[str, Any]) -> str:
+    """Settings as the text of a site.yaml."""
+    from ruamel.yaml import YAML
+
+    yaml: Any = YAML(typ="safe", pure=True)
+    text = io.StringIO()
+    yaml.default_flow_style, yaml.sort_base_mapping_type_on_output = False, False
+    yaml.dump(dict(content), text)
+    return text.getvalue()
+
+
+def run_each(sites: Sequence[Path], run_one: Callable[[Path], int]) -> int:
+    """Exit code of a command for sites one after the other: that of all sites that fail if it is one, else FAILURE.
+
+    A site that fails does not keep the others from running; its error is logged.
+    """
+    codes = []
+    for number, site in enumerate(sites, 1):
+        LOGGER.info("site %d of %d: %s", number, len(sites), site)
+        try:
+            codes.append(run_one(site))
+        except RunoutError as error:
+            LOGGER.error("%s: %s", site, error)
+            codes.append(error.exit_code)
+    failed = {code for code in codes if code != ExitCode.OK}
+    LOGGER.info("%d of %d sites done", codes.count(ExitCode.OK), len(sites))
+    return failed.pop() if len(failed) == 1 else ExitCode.FAILURE if failed else ExitCode.OK
+
+
+def run_regional(site: "Site", folder: Path, annual_rate: str | None = None, **choices: Any) -> int:
+    """Exit code, after running the sources of a site and merging the maps of those that have some; ``choices`` of a run."""
+    from runout.hazard.merging import write_merged
+    from runout.workflow import hazard_map
+
+    places = write_sources(site, folder, annual_rate)
+    code = run_each(places, lambda place: hazard_map.run(place, None, STAGES, **choices).exit_code)
+    products = [place / "results" / "hazard.nc" for place in places]
+    finished = [product for product in products if product.is_file()]
+    if len(finished) < len(products):
+        LOGGER.warning("%d of %d sources have no maps and are not in the merged ones", len(products) - len(finished), len(products))
+    if finished:
+        LOGGER.info("wrote %s", ", ".join(map(str, write_merged(finished, folder, title=site.settings.title or site.name)[:1])))
+    return code

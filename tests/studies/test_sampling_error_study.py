@@ -1,0 +1,42 @@
+"""The study of the sampling error: its true error, and its command on a coarse grid."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.sampling_error import main, row_of
+
+
+def test_the_errors_of_independent_members_agree_with_their_formula():
+    p, members, rng = 0.3, 512, np.random.default_rng(4)
+    reached = (rng.random((4000, members)) < p).astype(np.float32)
+    row = row_of(reached, 64)
+    expected = np.sqrt(p * (1 - p) / 64)
+    assert row["blocks"] == 8
+    for name in ("stated", "true", "independent"):
+        assert row[name] == pytest.approx(expected, rel=0.03), name
+    assert row["holds"]
+
+
+def test_an_error_that_is_stated_twice_too_large_does_not_hold():
+    x = (np.arange(512) + 0.5) / 512  # members at equal distances, one parameter: the error falls like 1 / n
+    order = np.array([int(f"{k:09b}"[::-1], 2) for k in range(512)])
+    edges = np.linspace(0.05, 0.95, 200)
+    row = row_of((x[order][None] < edges[:, None]).astype(np.float32), 64)
+    assert row["ratio"] > 1.5
+    assert not row["holds"]
+
+
+def test_the_command_goes_on_and_writes_table_and_record(tmp_path):
+    options = ["--out", str(tmp_path), "--members", "32", "--sizes", "16", "--sites", "jacksboro", "--workers", "1"]
+    coarse = ["--set", "simulation.cell_size=120", "simulation.end_time=20"]
+    first = main([*options, *coarse])
+    assert len(list((tmp_path / "jacksboro" / "members").glob("*.nc"))) == 32
+    assert {row["members"] for row in first["rows"]} == {16}
+    record = json.loads((tmp_path / "sampling_error.json").read_text())
+    assert record["rows"] == first["rows"]
+    assert (tmp_path / "sampling_error.md").read_text().count("jacksboro") == len(first["rows"])
+    newest = max(path.stat().st_mtime_ns for path in (tmp_path / "jacksboro" / "members").glob("*.nc"))
+    main([*options, *coarse])
+    assert max(path.stat().st_mtime_ns for path in (tmp_path / "jacksboro" / "members").glob("*.nc")) == newest
