@@ -2,8 +2,8 @@
 
     RUNOUT_DATA=DIR python tests/benchmarks/gpu_error.py --device cuda:0 --out gpu_error.json [--sites SITE]
 
-Every run is made twice and the second one counts, so that nothing is compiled in it. Relative L1 of the map of largest thickness from
-that of the finest grid, seconds of the whole simulation with observers but without its setup. Single precision.
+Every run is made twice and the second one counts, so that nothing is compiled in it. Relative L1 of the map of largest thickness
+from that of the finest grid, seconds of the whole simulation with observers but without its setup. Single precision.
 """
 
 import argparse
