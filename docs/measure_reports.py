@@ -1,7 +1,7 @@
 """Measure reports for docs/guide/outputs/report.md: ``python docs/measure_reports.py SITE RESULTS [SITE RESULTS ...]``.
 
-Each pair is a site and a folder of its results. A fresh process reads the site and writes the report, three times; the table holds the
-least processor time. It goes to docs/guide/outputs/report_sizes.csv.
+Each pair is a site and a folder of its results. A fresh process reads the site and writes the report, three times. The table holds
+the least processor time; it goes to docs/guide/outputs/report_sizes.csv.
 """
 
 import csv

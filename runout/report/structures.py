@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 LINES = ("#1f7fa3", "#c98b4b", "#5e8c61", "#8f3b3b", "#7b5ea7", "#7a5c3e", "#b0568b", "#8a939d")  # colours of structures
 KILO = 1e3
+LEAST_SHARE = 1e-3  # of the largest volume behind a dam; less is printed as 0
 ROUNDED = (
     "Loads, times and volumes are rounded to the digits that a numerical error of {error} leaves ({of}); the error of single "
     "facades is not measured."
@@ -144,8 +145,10 @@ def _dams(over: "xr.Dataset", error: float | None) -> list[tuple[str, str]]:
     found = []
     for k, name in enumerate(over["protected_area"].values):
         volumes = over["overtopping_volume_at_percentile"].values[:, k]
+        most = float(over["overtopping_volume"].values[:, k].max())
+        volumes = np.where(volumes < LEAST_SHARE * most, 0.0, volumes)
         parts = [f"{p:g} %: {_volume(float(v), error)}" for p, v in zip(over["percentile"].values, volumes, strict=True)]
-        largest = _volume(float(over["overtopping_volume"].values[:, k].max()), error)
+        largest = _volume(most, error)
         chance = percent(float(over["overtopping_probability"].values[k]))
         by_percentile = f"volume behind it at the end by percentile, {', '.join(parts)}"
         found.append((str(name), f"probability {chance}; {by_percentile}; most {largest}"))

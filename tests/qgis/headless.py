@@ -190,6 +190,9 @@ recorder.chmod(0o755)
 ProcessingConfig.setSettingValue("RUNOUT_COMMAND", str(recorder))
 values = {"VALUES": "basal_mu=0.05:0.2:0.05 bulking=1,2", "CELL_SIZE": 12.5, "FOLDER": str(FOLDER / "if")}
 say("what_if", call("what_if", SITE=str(site), **values, OPTIONS="--one-at-a-time"))
+ProcessingConfig.setSettingValue("RUNOUT_COMMAND", COMMAND)
+tried = {"VALUES": "basal_mu=0.1,0.2", "CELL_SIZE": 12.5, "FOLDER": str(FOLDER / "swept")}
+say("swept", call("what_if", SITE=str(site), **tried))
 core.QgsProject.instance().clear()
 say("open", call("open_results", SITE=str(site)))
 sys.stdout.flush()

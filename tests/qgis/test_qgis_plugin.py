@@ -209,6 +209,13 @@ def test_what_if_passes_values_and_options_in_the_order_of_the_command(answers):
     assert words == ["what-if", site, *values, "--budget", "5min", "--cell-size", "12.5", "--out", page, "--one-at-a-time"]
 
 
+def test_what_if_of_the_real_command_writes_its_page(answers):
+    page = Path(answers["swept"]["outputs"]["PAGE"])
+    assert page.name == "what_if.html"
+    table = (page.parent / "what_if.csv").read_text(encoding="utf-8").splitlines()
+    assert len(table) == 3, "a head and two values"
+
+
 def test_qgis_process_lists_the_algorithms(answers):
     program = shutil.which("qgis_process.bin") or shutil.which("qgis_process")  # the second of Debian is a script that fails
     if program is None:
