@@ -85,7 +85,7 @@ def _count(long_name: str, comment: str | None = None) -> Variable:
     return Variable("1", long_name, dtype="int32", valid_min=0, comment=comment)
 
 
-_JOINTLY = "the maxima reach or exceed all thresholds of the joint condition, each at its own time"
+_JOINTLY = "a member reaches all thresholds of the joint condition, thickness and speed at one time"
 _FRACTION = "fraction of the ensemble's weight, given that the release happens; not an annual probability"
 
 _MEMBER_MAPS = {

@@ -75,8 +75,8 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
     """What the maps show."""
 
     joint: Annotated[list[JointSettings], AfterValidator(_distinct)] | None = quantity(  # type: ignore[valid-type]
-        "list of joint conditions, each with thresholds of two or more quantities: probability that the maxima of a member reach "
-        "all of them, each at its own time",
+        "list of joint conditions, each with thresholds of two or more quantities: probability that a member reaches all of them, "
+        "thickness and speed at one time, the maxima of others each at its own time",
         None,
         min_length=1,
         examples=[[{"thickness": 1.0, "speed": 1.0}]],

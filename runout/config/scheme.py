@@ -19,11 +19,11 @@ from runout.config.quantities import Text
 from runout.config.wording import choice_fix, shown
 from runout.errors import ConfigError, Problem
 from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES
+from runout.quantities.thickness_and_speed import at_one_time
 from runout.variables import VARIABLES
 
 FOLDER = Path(__file__).parents[1] / "schemes"
 CHECKED = {"primary": "read in the source", "secondary": "from a secondary source", "memory": "from memory, not verified"}
-AT_ONCE = "thickness_and_speed"  # map of members for a threshold of both
 _WORDS = {"1": "", "m s-1": "m/s", "m2 s-1": "m2/s", "m3 s-2": "m3/s2"}  # units for people
 MOST_CLASSES = 20  # of intensity, or levels of danger
 
@@ -74,15 +74,14 @@ class _Criterion(Settings):
 
     @property
     def at_once(self) -> bool:
-        """Whether its thresholds are compared at one time, and not with maxima of different times."""
+        """Whether its thresholds are compared exactly at one time, and not bounded by maxima of different times."""
         both = self.thresholds.keys() == {"thickness", "speed"} and len(set(self.thresholds.values())) == 1
         return self.house_strength is None and (len(self.thresholds) < 2 or both)
 
     @property
     def mapped(self) -> dict[str, float]:
-        """Thresholds by the name of the map of a member that decides."""
-        limits = self.thresholds
-        return {AT_ONCE: limits["speed"]} if len(limits) > 1 and self.at_once else limits
+        """Thresholds by the name of the quantity whose map of a member decides."""
+        return at_one_time(self.thresholds)
 
     def within(self, other: "_Criterion") -> bool:
         """Whether whatever meets this criterion meets the other one too."""
@@ -100,6 +99,13 @@ class _Criterion(Settings):
         parts = [f"{ALL_QUANTITIES[name].extreme} of {_printed(name, least)} or more" for name, least in self.thresholds.items()]
         at_once = " at one time" if len(parts) > 1 and self.at_once else ""
         return " and ".join(parts).replace("maximum ", "") + at_once or "reached"
+
+
+def _compared(criterion: "_Criterion") -> str:
+    """How a criterion is compared that has no map of one time."""
+    if {"thickness", "speed"} <= criterion.thresholds.keys():
+        return "thickness and speed at one time are bounded by the maxima of both, of the smaller of both, and of their products"
+    return "maxima of different times are compared"
 
 
 def _printed(name: str, least: float) -> str:
@@ -201,7 +207,7 @@ class DangerScheme(Settings):
         """Sentences on how criteria were compared, where that is not as the scheme asks for."""
         criteria = [(one.name, criterion) for one in self.classes for criterion in one.when]
         texts = [
-            f"Class {name} ({criterion}): maxima of different times are compared; its area is too large rather than too small."
+            f"Class {name} ({criterion}): {_compared(criterion)}; its area is too large rather than too small."
             for name, criterion in criteria
             if not criterion.at_once
         ]

@@ -33,6 +33,7 @@ from runout.quantities import (
     QUANTITIES,
     MapQuantity,
 )
+from runout.quantities.thickness_and_speed import at_one_time
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -93,7 +94,8 @@ def aggregate(
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.
     joint : sequence of mapping of str to float
-        Thresholds by quantity that the maxima of a member have to reach together, each at its own time.
+        Thresholds by quantity that a member has to reach together: thickness and speed at one time as
+        :func:`runout.quantities.thickness_and_speed.at_one_time` bounds it, the maxima of others each at its own time.
     estimator : Estimator
         Estimator of the standard errors. Its blocks need members of equal weights in the order of the net.
     frequencies : Frequencies, optional
@@ -154,7 +156,7 @@ def _quantities_of(
 ) -> dict[str, MapQuantity]:
     """Quantities whose map a member holds; StorageError if it lacks one that has a threshold."""
     map_names = member.held()
-    names = {name for name, limits in thresholds.items() if len(limits)} | {name for condition in joint for name in condition}
+    names = {name for name, limits in thresholds.items() if len(limits)} | {name for one in joint for name in at_one_time(one)}
     for name in sorted(names):
         if ALL_QUANTITIES[name].member_map not in map_names:
             lacking = f"{member.path}: {ALL_QUANTITIES[name].member_map} is missing, which thresholds of {name} need"
@@ -320,7 +322,7 @@ class _Maps:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
         places = {name: k for k, name in enumerate(self.quantities)}
         met = np.ones((self.side**2, len(members)), bool)
-        for name, limit in condition.items():
+        for name, limit in at_one_time(condition).items():
             met &= self.store.values_of(tile, places[name]) >= np.float32(limit)
         unsorted, one = met.astype(np.float32), np.ones(1, np.float32)
         spread = self.estimator.spread(unsorted, members, len(self.weights), one)

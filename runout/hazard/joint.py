@@ -1,4 +1,7 @@
-"""Joint conditions: thresholds of several quantities that the maxima of a member reach, each at its own time."""
+"""Joint conditions: thresholds of several quantities that a member reaches together.
+
+Thickness and speed count at one time (:func:`runout.quantities.thickness_and_speed.at_one_time`), maxima of others at any time.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any

@@ -76,11 +76,19 @@ def test_thickness_and_speed_count_at_one_time_and_not_as_peaks_of_different_tim
     assert not danger.scheme.remarks(has_bed=False)
 
 
-def test_unequal_thresholds_are_compared_with_peaks_and_said_so(tmp_path):
+def test_unequal_thresholds_are_bounded_by_maxima_of_one_time_and_said_so(tmp_path):
+    """1 m thick at 0.3 m/s, later 0.4 m thick at 1.5 m/s: both peaks are reached, never together, and hv says so."""
     text = (read_text("swiss_debris_flow")).replace("{thickness: 1, speed: 1}", "{thickness: 1, speed: 1.5}")
     danger = DangerClasses(scheme_of(tmp_path, text), np.ones(1), 0.1)
-    values = {name: np.array([one], np.float32) for name, one in (("thickness", 1.0), ("speed", 1.5))}
-    assert danger.classes(values).tolist() == [2]
+    for flows, expected in (([(1.0, 1.5)], 2), ([(1.0, 0.3), (0.4, 1.5)], 1), ([(1.2, 0.3), (1.0, 2.0)], 2)):
+        maxima = {
+            "thickness": max(h for h, _ in flows),
+            "speed": max(v for _, v in flows),
+            "thickness_and_speed": max(min(h, v) for h, v in flows),
+            "unit_discharge": max(h * v for h, v in flows),
+            "momentum_flux": max(h * v**2 for h, v in flows),
+        }
+        assert danger.classes({name: np.array([one], np.float32) for name, one in maxima.items()}).tolist() == [expected]
     assert "too large rather than too small" in danger.scheme.remarks(has_bed=False)[0]
 
 

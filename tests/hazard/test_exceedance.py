@@ -11,12 +11,14 @@ from runout.hazard.exceedance import aggregate, effective_sample_size, normalise
 from runout.io import netcdf
 from runout.model.terrain import Terrain
 from runout.quantities import QUANTITIES
+from runout.quantities.thickness_and_speed import at_one_time
 
 THRESHOLDS = {"thickness": [0.1, 1.0, 2.0], "speed": [1.0, 5.0], "pressure": [3e3, 3e4]}
 THRESHOLDS |= {"momentum_flux": [1.0, 10.0, 50.0], "deposit": [0.5, 1.0]}
 JOINT = [{"thickness": 2.0, "speed": 3.0}, {"deposit": 0.7, "momentum_flux": 20.0, "pressure": 3e4}]
 PERCENTILES = [5, 50, 95]
 NAMES = {name: quantity.member_map for name, quantity in QUANTITIES.items()}
+FORMULAS = {name: quantity for name, quantity in QUANTITIES.items() if quantity.formula}
 DIFFERENT = pytest.mark.parametrize("weights", [[1, 1, 1, 1], [0.4, 0.3, 0.2, 0.1]])
 
 
@@ -77,12 +79,12 @@ def test_a_weighted_percentile_splits_the_weight(values: list[float], heaviness:
 
 
 @DIFFERENT
-def test_a_joint_condition_counts_members_whose_maxima_reach_all_its_thresholds(members: list[Path], weights: list[float]) -> None:
+def test_a_joint_condition_counts_members_that_reach_its_thresholds_together(members: list[Path], weights: list[float]) -> None:
     maps = aggregate(members, weights, THRESHOLDS, PERCENTILES, joint=JOINT)
     w = np.array(weights) / np.sum(weights)
     assert maps["joint_condition"].values[0] == "maximum flow thickness >= 2 m and maximum flow speed >= 3 m s-1"
     for k, condition in enumerate(JOINT):
-        met = np.all([stack(NAMES[name]) >= limit for name, limit in condition.items()], axis=0)
+        met = np.all([stack(NAMES[name]) >= limit for name, limit in at_one_time(condition).items()], axis=0)
         p = np.tensordot(w, met, axes=1)
         assert len(np.unique(p)) > 2
         np.testing.assert_allclose(maps["joint_exceedance_probability"][k], p, atol=1e-7)
@@ -178,3 +180,26 @@ def test_inundation_needs_a_threshold(members: list[Path]) -> None:
 def test_equal_weights_count_as_many_members() -> None:
     assert effective_sample_size(normalised([2.0] * 8, 8)) == pytest.approx(8.0)
     assert effective_sample_size(normalised([1.0, 0.0], 2)) == pytest.approx(1.0)
+
+
+@given(
+    flows=st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 20.0)), min_size=1, max_size=6),
+    limits=st.tuples(st.floats(0.1, 3.0), st.floats(0.1, 10.0)),
+)
+def test_bounds_at_one_time_lie_between_the_truth_and_the_maxima_of_different_times(flows, limits):
+    a, b = (np.float32(limit) for limit in limits)
+    h, v = np.array(flows, np.float32).T
+    maps = {name: max(float(q.formula(x, y, 2000.0)) for x, y in zip(h, v, strict=True)) for name, q in FORMULAS.items()}
+    together = bool(((h >= a) & (v >= b)).any())
+    bounds = at_one_time({"thickness": float(a), "speed": float(b)})
+    bounded = all(maps[name] >= limit for name, limit in bounds.items())
+    apart = h.max() >= a and v.max() >= b
+    assert together <= bounded <= apart
+    if a == b:
+        assert bounded == together
+
+
+def test_other_thresholds_of_a_joint_condition_stay():
+    assert at_one_time({"thickness": 1.0, "deposit": 2.0}) == {"thickness": 1.0, "deposit": 2.0}
+    assert at_one_time({"thickness": 1.0, "speed": 1.0, "pressure": 3e4}) == {"thickness_and_speed": 1.0, "pressure": 3e4}
+    assert at_one_time({"thickness": 2.0, "speed": 3.0, "momentum_flux": 50.0})["momentum_flux"] == 50.0
