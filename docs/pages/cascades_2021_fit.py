@@ -116,7 +116,7 @@ def page(record: Mapping[str, Any]) -> StudyPage:
 
 
 def _wider(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Words on the members of the wider ranges, and on the commit of their record where it is another one."""
+    """Words on the members of the wider ranges, and the version that ran them where it is another one."""
     errors = sorted(half["error"] for half in table["halves"])
     ranges = (f"{half['least_several']:.0f} to {half['most_several']:.0f} m³" for half in table["halves"])
     return {
@@ -125,7 +125,7 @@ def _wider(table: Mapping[str, Any]) -> dict[str, Any]:
         "wider_high": errors[-1],
         "wider_fitted": max(half["fitted_several"] for half in table["halves"]),
         "wider_spread": f"the {SEVERAL} best have errors of " + " and ".join(ranges),
-        "wider_record": f" The members of the wider ranges ran at commit {table['commit']}." if "commit" in table else "",
+        "wider_record": f" The members of the wider ranges ran with runout {table['version']}." if "version" in table else "",
     }
 
 
