@@ -189,13 +189,12 @@ class Posterior:
         }
 
     def marginals(self, bins: int = 32) -> dict[str, dict[str, list[float]]]:
-        """Shares of prior and posterior in equal bins of each parameter between 1 and 99 % of the prior, and the edges."""
+        """Shares of prior and posterior in equal bins of each parameter over the range of a sample of the prior, and the edges."""
         ranks = (np.arange(STARTS) + 0.5) / STARTS
         of_prior = self.prior.values(np.tile(ranks[:, None], len(self.prior.names)))
         shares = {}
         for k, name in enumerate(self.prior.names):
-            low, high = np.percentile(of_prior[:, k], (1.0, 99.0))
-            edges = np.linspace(low, high, bins + 1)
+            edges = np.linspace(of_prior[:, k].min(), of_prior[:, k].max(), bins + 1)
             counts = [np.histogram(sample[:, k].clip(edges[0], edges[-1]), edges)[0] for sample in (of_prior, self.values)]
             prior, posterior = ((one / one.sum()).tolist() for one in counts)
             shares[name] = {"edges": edges.tolist(), "prior": prior, "posterior": posterior}

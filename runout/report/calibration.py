@@ -16,7 +16,7 @@ from markupsafe import Markup
 from runout.io.atomic import read_json
 from runout.report.chart import Chart
 from runout.report.figures import COLOUR, parameter_label
-from runout.report.wording import number
+from runout.report.wording import MINUS, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -115,7 +115,10 @@ def _compared(rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, list[str
     return [
         (
             f"{name.replace('.', ' ').replace('_', ' ')} [{row['units']}]",
-            [*(number(row[key]) for key in ("observed", "standard_error", "predicted", "standard_deviation", "deviation"))],
+            [
+                *(number(row[key]) for key in ("observed", "standard_error", "predicted", "standard_deviation")),
+                f"{row['deviation']:+.1f}".replace("-", MINUS),
+            ],
         )
         for name, row in rows.items()
     ]

@@ -119,18 +119,18 @@ def lines(record: dict[str, Any]) -> Iterator[str]:
 
 def _event_lines(begin: str, one: Mapping[str, Any]) -> Iterator[str]:
     """Lines of an event, of which headings and sentences begin with its name if there are several."""
-    yield from comparison_lines(f"{begin}fitted", one["observations"])
+    yield from _comparison_lines(f"{begin}fitted", one["observations"])
     yield from (begin + sentence for sentence in one["misfits"])
     yield from (f"{begin}{name}: left out: {reason}" for name, reason in one["left_out_of_the_likelihood"].items())
     if one["validation"]:
         others = "events" if begin else "observations"
-        yield from comparison_lines(f"{begin}validation, each predicted from the other {others}", one["validation"])
+        yield from _comparison_lines(f"{begin}validation, each predicted from the other {others}", one["validation"])
     else:
         yield f"{begin}validation: none, since one scalar was observed only"
     yield begin + _grid_line(one["grid_error"])
 
 
-def comparison_lines(heading: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
+def _comparison_lines(heading: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
     yield f"{heading}:"
     for name, one in rows.items():
         far = " (far)" if abs(one["deviation"]) > FAR else ""

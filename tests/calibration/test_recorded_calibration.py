@@ -34,3 +34,15 @@ def test_indices_of_few_members_are_those_of_the_direct_study_and_stand_in_the_g
         assert f"{row['direct']:.2f} ± {row['half_width']:.2f}" in guide
     for row in (row for row in rows if row["index"] == "total" and row["direct"] > 0.05):
         assert f"{row['emulated']:.2f} ({row['low']:.2f} to {row['high']:.2f})" in guide
+
+
+def test_boundary_recovers_the_friction_at_least_as_well_as_the_area_and_the_guide_states_it():
+    record = json.loads((RECORDS / "outline_likelihood.json").read_text(encoding="utf-8"))
+    area, boundary = record["area"], record["boundary"]
+    assert record["events"] == 20
+    assert min(*area["covered"], *boundary["covered"]) >= 16
+    assert boundary["rms_error"][0] <= area["rms_error"][0]
+    guide = " ".join((ROOT / "docs" / "guide" / "calibration.md").read_text(encoding="utf-8").split())
+    assert "with the area it covered friction in {} and volume in {}".format(*area["covered"]) in guide
+    assert f"the mean missed the friction by {area['rms_error'][0]:.2f} degrees" in guide
+    assert "with the boundary in {} and {}".format(*boundary["covered"]) + f", and by {boundary['rms_error'][0]:.2f}" in guide

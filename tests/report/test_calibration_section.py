@@ -55,7 +55,7 @@ def test_charts_and_tables_hold_what_the_record_states(results):
     assert [title for title, _ in section["comparisons"]] == [
         "calibration, predicted from all observations", "validation, each predicted from the other observations alone",
     ]  # fmt: skip
-    assert section["comparisons"][1][1] == [("outline runout [m]", ["400", "10", "430", "10", "\u22123"])]
+    assert section["comparisons"][1][1] == [("outline runout [m]", ["400", "10", "430", "10", "\u22123.0"])]
     assert section["statements"][1].startswith("outline.runout: observed 400 m")
     assert section["parameters"][0][1] == ["13.5", "15", "16.5", "1", "25%"]
 
