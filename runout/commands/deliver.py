@@ -23,11 +23,12 @@ def deliver(
     session: Injected,
 ) -> int:
     """Write hazard_mapping_166_1.gpkg, layers of the Swiss data model of hazard mapping, beside hazard.nc or to --out FOLDER."""
-    from runout.hazard.merging import product_of
+    from runout.hazard.merging import product_of, read_product
     from runout.hazard.swiss_delivery import NAME, Delivery, write_delivery
-    from runout.io import netcdf
+    from runout.io.places import require_place
 
-    path = product_of(product)
-    delivery = Delivery(canton, process, source, term)
-    LOGGER.info("wrote %s", write_delivery(netcdf.read(path), delivery, (session.out or path.parent) / NAME))
+    path, delivery = product_of(product), Delivery(canton, process, source, term)
+    folder = session.out or path.parent
+    require_place("--out", folder, folder=True)
+    LOGGER.info("wrote %s", write_delivery(read_product(path), delivery, folder / NAME))
     return ExitCode.OK

@@ -31,10 +31,12 @@ def regional(
     Writes SITE/regional, or the folder of --out: sources/NAME with site.yaml and results, merged.nc and maps/.
     """
     from runout.config.site import read_site
+    from runout.io.places import require_place
     from runout.workflow.regional import FOLDER, run_regional, write_sources
 
     read = read_site(site, changes)
     folder = session.out or read.folder / FOLDER
+    require_place("--out", folder, folder=True)
     if sites_only:
         places = write_sources(read, folder, annual_rate)
         LOGGER.info("wrote %d sites below %s", len(places), folder)
@@ -51,8 +53,11 @@ def merge(
 ) -> int:
     """Merge the hazard maps of several sites; --out FOLDER takes merged.nc and maps/ [default: merged]."""
     from runout.hazard.merging import product_of, write_merged
+    from runout.io.places import require_place
 
-    for path in write_merged([product_of(one) for one in (site, *more)], session.out or Path("merged")):
+    folder = session.out or Path("merged")
+    require_place("--out", folder, folder=True)
+    for path in write_merged([product_of(one) for one in (site, *more)], folder):
         LOGGER.debug("wrote %s", path)
-    LOGGER.info("merged %d sites in %s", 1 + len(more), session.out or Path("merged"))
+    LOGGER.info("merged %d sites in %s", 1 + len(more), folder)
     return ExitCode.OK

@@ -107,12 +107,17 @@ class Normal(Settings):
         return self.mean - far if self.low is None else self.low, self.mean + far if self.high is None else self.high
 
 
+SHARES_WITHIN = 0.02  # of 1, by which rounded shares may miss it
+
+
 class Discrete(Settings):
-    """A finite list of values, each with its relative frequency."""
+    """A finite list of values, each with its relative frequency: counts, or shares, which are all below 1 and add up to 1."""
 
     distribution: Literal["discrete"] = quantity("discrete values with frequencies")
     values: list[float] = quantity("the values", min_length=1)
-    frequencies: list[Annotated[float, Field(gt=0)]] = quantity("how often each value occurs, relative to the others", min_length=1)
+    frequencies: list[Annotated[float, Field(gt=0)]] = quantity(
+        "how often each value occurs: counts, or shares that add up to 1", min_length=1
+    )
 
     @model_validator(mode="after")
     def _paired(self) -> "Discrete":
@@ -121,6 +126,10 @@ class Discrete(Settings):
             raise refuse(counts, "give every value one frequency", "frequencies")
         if len(set(self.values)) != len(self.values):
             raise refuse("a value is listed twice", "list it once, with the sum of its frequencies", "values")
+        total = sum(self.frequencies)
+        if max(self.frequencies) < 1.0 and abs(total - 1.0) > SHARES_WITHIN:
+            shares = f"shares that add up to {total:.3g}, not to 1"
+            raise refuse(shares, "mend them, or state counts such as [5, 3, 2]", "frequencies")
         return self
 
     def support(self) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from runout.errors import ConfigError, InputError
+from runout.errors import ConfigError, InputError, StorageError
 from runout.io import netcdf
 from runout.io.geotiff import write_cog
 from runout.model.terrain import Terrain
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 LOGGER = logging.getLogger("runout.merging")
 MERGED, MAPS = "merged.nc", "maps"
 PROBABILITY, BY_SOURCE, MAIN, COUNT = "inundation_probability", "source_probability", "main_source", "sources_reached"
+NEEDED = ("elevation", PROBABILITY, FIRST_ARRIVAL)  # maps of every product
 SAME_LATTICE = 1e-3  # of a cell, by which the cells of two sites may differ
 INDEPENDENT = "1 - product of 1 - P of the sources, which count as independent, if each of them happens"
 SUM = "sum of the annual rates of the sources"
@@ -114,7 +115,7 @@ def write_merged(products: Sequence[Path], folder: Path, title: str = "Several s
         If a file cannot be read or written.
     """
     sources = _named(products)
-    grids = {name: Grid.of(_opened(path)) for name, path in sources.items()}
+    grids = {name: Grid.of(read_product(path)) for name, path in sources.items()}
     _require_one_system(grids, sources)
     grid = Grid.around(list(grids.values()))
     resampled = [name for name, one in grids.items() if grid.offset(one) is None]
@@ -135,10 +136,14 @@ def product_of(path: Path) -> Path:
     return next((one for one in (folder / "hazard.nc", folder / "results" / "hazard.nc") if one.is_file()), folder / "hazard.nc")
 
 
-def _opened(path: Path) -> "xr.Dataset":
+def read_product(path: Path) -> "xr.Dataset":
+    """Hazard maps of a file; InputError if there is none, StorageError if it cannot be read or holds no hazard maps."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; `runout run` makes it")
-    return netcdf.read(path)
+    maps = netcdf.read(path)
+    if not all(name in maps and maps[name].dims == netcdf.MAP_DIMS and min(maps[name].shape) > 1 for name in NEEDED):
+        raise StorageError(f"{path}: holds no hazard maps of a site; name the hazard.nc of its results")
+    return maps
 
 
 def _named(products: Sequence[Path]) -> dict[str, Path]:
@@ -241,10 +246,10 @@ class _Joined:
 def _merged(sources: Mapping[str, Path], grid: Grid, title: str) -> "xr.Dataset":
     """Merged maps on a grid; NaN where no site has a value."""
     paths = list(sources.values())
-    first = _opened(paths[0])
+    first = read_product(paths[0])
     joined = _Joined(grid, first)
     for number, path in enumerate(paths, 1):
-        maps = _opened(path)
+        maps = read_product(path)
         _require_thresholds(first, maps, path)
         joined.take(number, maps)
     dataset = _dataset(grid, joined.elevation, sources, title)
@@ -299,7 +304,7 @@ def _write(merged: "xr.Dataset", sources: Mapping[str, Path], grid: Grid, path: 
 def _probabilities(sources: Mapping[str, Path], grid: Grid) -> Iterator[np.ndarray]:
     """Probability of inundation (rows, columns) by each source; 0 beyond its site."""
     for path in sources.values():
-        maps = _opened(path)
+        maps = read_product(path)
         place, take = grid.placed(Grid.of(maps))
         values = np.zeros(grid.shape, np.float32)
         values[place] = np.nan_to_num(take(maps[PROBABILITY].values))

@@ -255,10 +255,12 @@ class Release:
         thickness stands above the ground. A smaller one is thinner; with a tapered edge, its sliding surface is steeper.
         """
         deepest = self.thickness if self.deepest is None else self.deepest
-        if self.body is None:
-            return replace(self, thickness=self.thickness * factor, deepest=deepest)
-        body = self.body.scaled(factor)
-        return replace(self, thickness=body.thickness(), body=body, deepest=deepest)
+        body = None if self.body is None else self.body.scaled(factor)
+        thickness = self.thickness * factor if body is None else body.thickness()
+        try:
+            return replace(self, thickness=thickness, body=body, deepest=deepest)
+        except ReleaseError as error:
+            raise ReleaseError(f"with {factor:g} times the volume (release_volume_factor): {error}") from error
 
     def plot(self, *, title: str | None = None) -> Any:
         """Axes of matplotlib with a map of the thickness over hillshade, on a new figure of pyplot."""

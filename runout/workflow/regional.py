@@ -163,7 +163,7 @@ def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) ->
     paths = []
     for source in sources_of(site, annual_rate):
         place = folder / SOURCES / source.name
-        (place / "inputs").mkdir(parents=True, exist_ok=True)
+        _make_folder(place / "inputs")
         content = moved(source.settings, site.folder, place)
         if source.polygon is not None:
             _write_polygon(source.polygon, place / "inputs" / POLYGON)
@@ -178,6 +178,15 @@ def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) ->
         _write_changed(place / "site.yaml", _yaml(content))
         paths.append(place)
     return paths
+
+
+def _make_folder(path: Path) -> None:
+    from runout.io.atomic import storage_error
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise storage_error(path, error) from error
 
 
 def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from runout.config.member_arguments import even_times
 from runout.config.overrides import on_device, with_cell_size
 from runout.config.probes import probe_settings
 from runout.config.site import read_site
-from runout.errors import ConfigError, DeviceError, StructureError
+from runout.errors import ConfigError, DeviceError, ReleaseError, StructureError
 from runout.release.statements import record, start_sentences
 
 WEST, SOUTH = 500_000.0, 5_000_000.0
@@ -179,3 +179,8 @@ def test_what_is_said_of_releases_has_their_numbers(edited, site_folder):
     assert list(start_sentences([release])) == []
     both = list(start_sentences([release, release]))
     assert both[0].startswith("the 2 releases (scar, scar) start together at time zero, in every member; where each may fail alone")
+
+
+def test_a_volume_factor_that_makes_the_release_too_thick_is_named(site_folder):
+    with pytest.raises(ReleaseError, match=r"with 1e\+06 times the volume \(release_volume_factor\): .*thickness is"):
+        read_site(site_folder).releases(sample={"release_volume_factor": 1e6})

@@ -159,6 +159,8 @@ DISTRIBUTION = "{distribution: uniform, low: 12, high: 22}"
         ),
         ("{distribution: discrete, values: [12, 15], frequencies: [1]}", ".frequencies", "1 frequencies for 2 values"),
         ("{distribution: discrete, values: [12, 15], frequencies: [1, 0]}", ".frequencies[1]", "it must be above 0"),
+        ("{distribution: discrete, values: [12, 15], frequencies: [0.5, 0.2]}", ".frequencies", "add up to 0.7, not to 1"),
+        ("{distribution: discrete, values: [12, 15], frequencies: [0.9, 0.9]}", ".frequencies", "add up to 1.8, not to 1"),
         ("{distribution: discrete, values: [12, 12], frequencies: [1, 1]}", ".values", "a value is listed twice"),
         ("17", "", "17 is a number; a block is needed; write {distribution: uniform, ...}"),
     ],

@@ -7,7 +7,7 @@ import rasterio
 import xarray as xr
 
 from runout import cli
-from runout.errors import ConfigError, InputError
+from runout.errors import ConfigError, ExitCode, InputError, StorageError
 from runout.hazard.merging import Grid, write_merged
 from runout.io import netcdf
 from runout.model.terrain import Terrain
@@ -161,3 +161,13 @@ def test_the_command_takes_sites_results_and_files(tmp_path):
 def test_a_missing_product_names_its_remedy(tmp_path):
     with pytest.raises(InputError, match="`runout run` makes it"):
         write_merged([tmp_path / "hazard.nc"], tmp_path / "m")
+
+
+def test_another_file_and_a_folder_that_is_a_file_are_refused(tmp_path, capsys):
+    product = hazard(tmp_path, "a", A)
+    (tmp_path / "note").write_text("x")
+    assert cli.main(["merge", str(product), "--out", str(tmp_path / "note")]) == ExitCode.CONFIGURATION
+    assert "is a file; name a folder" in capsys.readouterr().err
+    other = netcdf.write(netcdf.read(product).drop_vars("inundation_probability"), tmp_path / "other.nc")
+    with pytest.raises(StorageError, match="holds no hazard maps"):
+        write_merged([other], tmp_path / "m")

@@ -145,7 +145,10 @@ def test_maps_without_classes_or_with_classes_of_other_schemes_are_refused(tmp_p
 
 
 def test_the_command_writes_beside_the_maps_or_to_out(tmp_path):
-    netcdf.write(hazard(), tmp_path / "site" / "results" / "hazard.nc")
+    whole = hazard()
+    netcdf.add_map(whole, "inundation_probability", np.ones((4, 5)))
+    netcdf.add_map(whole, "first_arrival_time", np.ones((4, 5)))
+    netcdf.write(whole, tmp_path / "site" / "results" / "hazard.nc")
     stated = ["--canton", "VS", "--process", "w_debris_flow", "--source", "Made torrent", "--term", "Murgang"]
     assert cli.main(["deliver", str(tmp_path / "site"), *stated]) == ExitCode.OK
     rows = gpd.read_file(tmp_path / "site" / "results" / NAME, layer="intensity_by_source")

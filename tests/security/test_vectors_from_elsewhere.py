@@ -26,6 +26,7 @@ OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/report/study.py",
     "runout/report/structures.py",
     "runout/hazard/members.py",
+    "runout/hazard/merging.py",
     "runout/hazard/writers/qgis_project.py",
     "runout/hazard/writers/virtual_globe.py",
     "runout/hazard/facades.py",
