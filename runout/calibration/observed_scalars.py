@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.errors import ConfigError
-from runout.report.members import Reach
+from runout.hazard.reach import Reach
 from runout.scores.assessment import values_at_gauges
 from runout.scores.elevation_change import detected
 from runout.scores.flow import Flow
