@@ -17,6 +17,7 @@ SITES = Path(__file__).parents[1] / "sites"
 SIZE = (1280, 720)
 PAPER, INK, SOFT = "#1d2b36", "#f3f6f8", "#b8c6d1"
 CARD_SHARE, MOST_FRAMES = 0.2, 400  # of the film that is cards; of a scene
+MOMENTS = (4, 3)  # columns and rows of the preview
 TITLE = ("runout", "From a DEM and a release to hazard maps,\nin three dimensions.", "")
 END = ("Your own site", "Three commands: new, check, run.", "runout new mysite --dem dem.tif --release release.gpkg")
 
@@ -48,11 +49,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--size", type=int, nargs=2, default=SIZE)
     parser.add_argument("--fps", type=float, default=10.0, help="pictures a second")
+    parser.add_argument("--preview", type=Path, help="picture with moments of the film, for docs/guide/seeing.md")
     parser.add_argument("--out", type=Path, help="folder that keeps the simulations")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         frames = list(pictures(Path(folder), asked.out or Path(folder), asked.seconds, asked.fps, tuple(asked.size)))
         write_film(frames, [k / asked.fps for k in range(len(frames))], asked.film, asked.fps)
+        if asked.preview:
+            write_preview(frames, asked.preview)
     print(f"wrote {asked.film}: {len(frames) / asked.fps:.0f} s")
 
 
@@ -68,8 +72,22 @@ def pictures(folder: Path, results: Path, seconds: float, fps: float, size: tupl
         yield from [card(folder / f"{scene.site}.png", (scene.site, scene.words, command), size)] * cards
         choices = replace(scene.choices, frames=count, size=size)
         (made,) = animate(SITES / scene.site, results / scene.site, choices, folder / f"{scene.site}_frames", None, fps)
-        yield from sorted(made.glob("*.png"))
+        drawn = sorted(made.glob("*.png"))
+        yield from (drawn[k * len(drawn) // count] for k in range(count))  # a flow at rest has fewer pictures
     yield from [card(folder / "end.png", END, size)] * cards
+
+
+def write_preview(frames: list[Path], path: Path) -> None:
+    """Write moments of a film at equal distances beside and below each other."""
+    from PIL import Image
+
+    columns, rows = MOMENTS
+    shown = [Image.open(frames[(2 * k + 1) * len(frames) // (2 * columns * rows)]).convert("RGB") for k in range(columns * rows)]
+    width, height = shown[0].size
+    sheet = Image.new("RGB", (columns * width, rows * height))
+    for k, picture in enumerate(shown):
+        sheet.paste(picture, (k % columns * width, k // columns * height))
+    sheet.quantize(256).save(path, optimize=True)
 
 
 def card(path: Path, text: tuple[str, str, str], size: tuple[int, int]) -> Path:

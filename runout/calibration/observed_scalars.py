@@ -15,7 +15,7 @@ import numpy as np
 from runout.calibration.outline_parts import OutlineParts
 from runout.calibration.sobol_indices import LEAST_Q2
 from runout.errors import ConfigError
-from runout.report.members import Reach
+from runout.hazard.reach import Reach
 from runout.scores.assessment import values_at_gauges
 from runout.scores.elevation_change import detected
 from runout.scores.flow import Flow

@@ -21,6 +21,7 @@ from runout.hazard.frequency import Frequencies
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
+from runout.hazard.reach import representative_of
 from runout.hazard.readme import write_readme
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import write_structures
@@ -35,7 +36,6 @@ from runout.model.release import Release, thickness_of
 from runout.model.terrain import Terrain
 from runout.quantities import INFLOW_MAP
 from runout.release.statements import record, start_sentences
-from runout.report.members import representative_of
 from runout.scores.observations import Observations
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness

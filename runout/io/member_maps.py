@@ -287,6 +287,8 @@ class StackedMember:
 
     def ledger(self) -> dict[str, np.ndarray]:
         """Mass and energy over time by name, each (time,); those that the run of this member kept."""
+        if not self.stack.ledgers:
+            raise StorageError(f"{self.stack.path}: it holds no ledgers; run `runout hazard` for this site again")
         end = int(self.stack.ends[self.place])
         start = int(self.stack.ends[self.place - 1]) if self.place else 0
         columns = {name: values[start:end] for name, values in self.stack.ledgers.items()}

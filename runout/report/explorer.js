@@ -72,7 +72,7 @@
 
   const figure = Plotting.figure({
     x_range: new Bokeh.Range1d({start: content.view[0], end: content.view[1]}), y_range: new Bokeh.Range1d({start: content.view[2], end: content.view[3]}),
-    sizing_mode: "stretch_both", toolbar_location: null, tools: "", min_border: 0, min_border_top: 24,
+    sizing_mode: "stretch_both", toolbar_location: null, tools: "", min_border: 0,
   });
   const drawPicture = ({extent: [west, east, south, north], image}) =>
     figure.image_url({url: [image], x: west, y: north, w: east - west, h: north - south, anchor: "top_left"});

@@ -8,13 +8,13 @@ import numpy as np
 
 from runout.ensemble.member import members_folder
 from runout.hazard.maps import classes_of
+from runout.hazard.reach import representative
 from runout.hazard.style import MapClasses, class_edges
 from runout.io import netcdf
 from runout.io.member_maps import MemberMaps, MembersFile
 from runout.quantities import ALL_QUANTITIES, ARRIVAL, CHANGE, UNTIL_ARRIVAL
 from runout.report.explorer_layers import MEMBER_STEPS, STEPS, Family, Grid, bytes_of, step_of
 from runout.report.figures import parameter_label
-from runout.report.members import representative
 from runout.report.study import Study
 from runout.report.tables import sampled_parameters
 from runout.report.wording import number, unit

@@ -8,9 +8,10 @@ from markupsafe import Markup
 
 from runout.config.parameter_variables import parameter_variable
 from runout.hazard.order import weighted_percentiles
+from runout.hazard.reach import representative
 from runout.report.chart import Chart
 from runout.report.marks import INK
-from runout.report.members import FIGURES, Ledger, representative
+from runout.report.members import FIGURES, Ledger
 from runout.report.values import NORMAL, SMALL
 from runout.report.wording import unit
 

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from runout.errors import InputError, StorageError
 from runout.forecast.numerical_error import require_error_bars
+from runout.hazard.reach import Reach, representative
 from runout.io.atomic import read_json
 from runout.io.member_maps import MembersFile, member_table
 from runout.io.probe_files import SITE_FILES
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
-from runout.report.members import Ledger, Reach, member_figures, representative
+from runout.report.members import Ledger, member_figures
 from runout.report.structures import Loads, read_loads
 from runout.report.wording import MINUS, number
 

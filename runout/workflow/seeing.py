@@ -132,7 +132,7 @@ def representative_member(study: Study) -> int:
     """Number of the finished member with the median run-out, by weight; 0 if no member has run."""
     import pandas as pd
 
-    from runout.report.members import representative
+    from runout.hazard.reach import representative
     from runout.workflow.sensitivity import member_scalars
 
     done = [standing.member for standing in study.standings if standing.state == "done"]

@@ -214,7 +214,7 @@ def test_odd_products_have_a_map(study, site, change):
 def test_snapshots_of_a_member_are_maps_at_times(study, site, tmp_path, results):
     import shutil
 
-    from runout.report.members import representative
+    from runout.hazard.reach import representative
 
     own = tmp_path / "results"
     shutil.copytree(results, own)

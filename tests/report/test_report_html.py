@@ -322,3 +322,11 @@ def test_a_study_of_convergence_that_lacks_an_entry_is_named_with_the_remedy(sit
     (copy / "convergence.json").write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(StorageError, match=rf"convergence.json: .*{said}.*; run `runout verify --convergence`"):
         write_report(site, copy)
+
+
+def test_a_members_file_without_ledgers_is_refused_with_the_remedy(copy):
+    with xr.open_dataset(copy / "members.nc") as opened:
+        table = opened.load()
+    table.to_netcdf(copy / "members.nc")
+    with pytest.raises(StorageError, match="holds no ledgers; run `runout hazard`"):
+        read_study(copy)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from runout.report.members import Reach, representative
+from runout.hazard.reach import Reach, representative
 
 EASTING, NORTHING = np.arange(5.0, 100.0, 10.0), np.arange(190.0, 0.0, -20.0)  # cells of 10 m by 20 m
 PLANE = np.broadcast_to(NORTHING[:, None], (10, 10))  # falls 45 degrees to the south
