@@ -14,7 +14,7 @@ COARSE = next(iter(FACTORS))
 OPENING = """# What limits next
 
 Which choice of the grid makes the error of a map? Each row refines one of them and leaves the others: relative L1 [%] of the map of
-largest thickness, and of the thickness at 60 s, against a grid three to four times finer.
+largest thickness, and of the thickness at 60 s, against a grid about three times finer or more.
 
 ![Share of the error that is left with one choice refined](error_factors.png)
 
@@ -28,7 +28,7 @@ largest thickness, and of the thickness at 60 s, against a grid three to four ti
 
 - *Coarse grid*: {cells}. Four substeps of a transfer, default particles.
 - *{ground}*: no coarse run, but the reference on the ground that the
-  coarse grid filters: its error is relief that the coarse grid does not resolve.
+  coarse grid filters: its error is relief that the coarse grid does not resolve. Rasters coarser than the filter have none.
 - *{footprint}*: no coarse run either, but the map of the reference, spread as the
   coarse grid spreads its particles in plan. It is what a map of this resolution cannot show.
 - Errors of choices do not add up: each may hide another, and finer cells upwards also hold more particles.
@@ -63,8 +63,16 @@ def page(record: Mapping[str, Any]) -> StudyPage:
 
 def _table(errors: Mapping[str, Mapping[str, Mapping[str, Any]]], of_map: str) -> str:
     heads = ("refined", *(FLOWS[site] for site in errors))
-    factors = list(next(iter(errors.values())))
-    return markdown(heads, [(factor, *(f"{100 * rows[factor][of_map]:.1f}" for rows in errors.values())) for factor in factors])
+    shown = [
+        (factor, *(f"{100 * rows[factor][of_map]:.1f}" if factor in rows else "" for rows in errors.values()))
+        for factor in _factors(errors)
+    ]
+    return markdown(heads, shown)
+
+
+def _factors(errors: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[str]:
+    """Names of all rows, in their order; a flow on a coarse raster lacks that of the filtered ground."""
+    return list(max(errors.values(), key=len))
 
 
 def _verdict(errors: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
@@ -84,12 +92,12 @@ def _figure(errors: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> bytes:
     """PNG of the error of the largest thickness by factor, over that of the coarse grid."""
     from matplotlib.figure import Figure
 
-    factors: Sequence[str] = list(next(iter(errors.values())))[1:][::-1]
+    factors: Sequence[str] = _factors(errors)[1:][::-1]
     canvas = Figure(figsize=(8.0, 4.6), layout="constrained")
     axes = canvas.add_subplot()
     for site, rows in errors.items():
-        shares = [rows[name]["peak"] / rows[COARSE]["peak"] for name in factors]
-        axes.plot(shares, range(len(factors)), "o", label=FLOWS[site], alpha=0.8)
+        shares = {k: rows[name]["peak"] / rows[COARSE]["peak"] for k, name in enumerate(factors) if name in rows}
+        axes.plot(list(shares.values()), list(shares), "o", label=FLOWS[site], alpha=0.8)
     axes.axvline(1.0, color="0.4", lw=0.8)
     axes.set_yticks(range(len(factors)), factors)
     axes.set(xlabel="error of the largest thickness over that of the coarse grid", xlim=(0.0, None))

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.ensemble.design import Design, member_table
-from runout.errors import ConfigError, RunoutError
+from runout.errors import ConfigError, DiskFullError, RunoutError, StorageError
 from runout.io import source_code
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
@@ -18,6 +18,8 @@ from runout.log import of_member
 from runout.quantities import member_map_names
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     import pandas as pd
 
     from runout.config.site import Site
@@ -192,7 +194,7 @@ def simulate_together(
     site: "Site", members: tuple[Member, ...], results: Path, *, progress: Callable[[int, float], None], device: str | None = None
 ) -> dict[int, BaseException]:
     """Simulate members in the launches of one device; write each one's file as soon as it ends, and return errors by number."""
-    from concurrent.futures import Future, ThreadPoolExecutor
+    from concurrent.futures import ThreadPoolExecutor
 
     from runout.simulation.batch import simulate_batch
 
@@ -213,16 +215,33 @@ def simulate_together(
         progress(todo[k].number, fraction)
 
     with ThreadPoolExecutor(1) as writer:  # the device goes on meanwhile
-        files = []
+        files: list[tuple[int, Future[None]]] = []  # by number of the member
         for k, outcome in simulate_batch(scenarios, device=place, progress=tell, particles=False):
             if isinstance(outcome, RunoutError):
                 errors[todo[k].number] = outcome
             else:
-                files.append(writer.submit(_write, site, todo[k], outcome, results))
-            for file in filter(Future.done, files):
-                file.result()  # nothing is simulated in vain where no file can be written
-        for file in files:
+                files.append((todo[k].number, writer.submit(_write, site, todo[k], outcome, results)))
+            errors |= _unwritten([file for file in files if file[1].done()])
+        errors |= _unwritten(files)
+    return errors
+
+
+def _unwritten(files: "Sequence[tuple[int, Future[None]]]") -> dict[int, BaseException]:
+    """Errors by number of members whose file the netCDF library did not write; waits for them.
+
+    Raises
+    ------
+    StorageError
+        If no file can be written, so that nothing is simulated in vain.
+    """
+    errors: dict[int, BaseException] = {}
+    for number, file in files:
+        try:
             file.result()
+        except StorageError as error:
+            if isinstance(error, DiskFullError) or not isinstance(error.__cause__, RuntimeError):
+                raise
+            errors[number] = error
     return errors
 
 

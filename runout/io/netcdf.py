@@ -3,6 +3,7 @@
 Global attributes are those of ACDD 1.3; unknown ones are left out.
 """
 
+import gc
 import logging
 import os
 import threading
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LOGGER = logging.getLogger(__name__)
-LOCK = threading.RLock()  # the netCDF library is not thread-safe, even for different files
 MAP_DIMS = ("y", "x")
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 STANDARD_NAMES = "CF Standard Name Table v93"
@@ -41,6 +41,45 @@ _NAMES = {  # keys of `metadata` in site.yaml -> attributes
     "references": "references",
     "acknowledgement": "acknowledgement",
 }
+
+
+class LibraryLock:
+    """Lock of the netCDF library, which is not thread-safe, even for different files; whoever has it may take it again.
+
+    While it is held, no thread collects garbage: a collection during a call of the library makes it lose names and attributes
+    of the file that it writes (netCDF4 1.7.5).
+    """
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.depth, self.collects = 0, False
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        """Take the lock; whether it was taken."""
+        taken = self.lock.acquire(blocking, timeout)
+        if taken:
+            self.depth += 1
+            if self.depth == 1:
+                self.collects = gc.isenabled()
+                gc.disable()
+        return taken
+
+    def release(self) -> None:
+        """Give the lock back."""
+        self.depth -= 1
+        if self.depth == 0 and self.collects:
+            gc.enable()
+        self.lock.release()
+
+    def __enter__(self) -> "LibraryLock":
+        self.acquire()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+LOCK = LibraryLock()
 
 
 def map_dataset(

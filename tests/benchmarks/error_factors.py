@@ -21,11 +21,11 @@ from runout.studies.work_precision import machine, versions
 from runout.terrain.relief import half_width
 
 CELLS = {  # [m], of the coarse grid and of the reference
-    "frank_slide": (40.0, 12.0),
-    "frank_slide_20": (40.0, 12.0),
+    "frank_slide": (40.0, 14.0),
+    "frank_slide_20": (40.0, 14.0),
     "jacksboro": (40.0, 10.0),
     "jacksboro_25": (40.0, 10.0),
-    "coulomb_only": (14.1, 4.0),
+    "coulomb_only": (14.1, 5.0),
 }
 MAPS = "max_flow_thickness", "deposit_thickness"
 FEWEST_ACROSS = 1.5  # grid cells, width of the footprint inside of the flow
@@ -87,9 +87,9 @@ def rows_of(site: str, folder: Path, engine: dict[str, str]) -> list[dict[str, A
         spacing = tuple(cell * part for part in changes.get("parts", (1.0, 1.0, 1.0)))
         others = {key: value for key, value in changes.items() if key != "parts"}
         maps[name] = run(folder / f"{site}_{number}.npz", site, spacing, engine | others)
-    width = half_width((cell, cell))[0]
-    maps[GROUND] = run(folder / f"{site}_ground.npz", site, (finest,) * 3, engine | {"smoothing": width})
-    size = site_arguments(site)["terrain"].cell_size
+    width, size = half_width((cell, cell))[0], site_arguments(site)["terrain"].cell_size
+    if width >= min(size):  # else the coarse grid filters nothing
+        maps[GROUND] = run(folder / f"{site}_ground.npz", site, (finest,) * 3, engine | {"smoothing": width})
     maps[FOOTPRINT] = {name: under_footprint(exact[name].astype(float), cell, size) for name in MAPS}
     deep = exact[MAPS[0]][exact[MAPS[0]] > 0.1]
     facts = {"site": site, "cell": cell, "reference": finest, "cells_of_depth": float(np.median(deep)) / cell}

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,11 @@ sys.path.append(str(Path(__file__).parents[1] / "io"))
 from ensemble_fakes import simulate, site
 from failing_writes import DENIED, FULL, KILLED, NOT_REACHED, fails, number_of_writes
 
+from runout.ensemble.member import _unwritten
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import State, standings
-from runout.errors import StorageError
+from runout.errors import DiskFullError, StorageError
+from runout.io.atomic import storage_error
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="counts in a copy of this process")
 MEMBERS = 3
@@ -44,3 +47,20 @@ def test_a_run_heals_whichever_write_of_the_one_before_failed(tmp_path, fault):
         assert run(folder).done == ()
         states = standings(site(folder, members=MEMBERS), folder / "results")
         assert {one.state for one in states} == {State.DONE}
+
+
+@pytest.mark.parametrize(
+    ("error", "passing"),
+    [(storage_error(Path("a.nc"), RuntimeError("NetCDF: Attribute not found")), True), (DiskFullError("the disk is full"), False)],
+)
+def test_a_file_that_the_library_does_not_write_fails_its_member_alone(error, passing):
+    if passing:
+        error.__cause__ = RuntimeError("NetCDF: Attribute not found")
+    files = [(4, Future()), (7, Future())]
+    files[0][1].set_result(None)
+    files[1][1].set_exception(error)
+    if passing:
+        assert _unwritten(files) == {7: error}
+        return
+    with pytest.raises(DiskFullError):
+        _unwritten(files)

@@ -184,3 +184,21 @@ def test_a_passing_error_of_the_library_is_tried_once_more(failures, written, tm
     with pytest.raises(StorageError, match="Attribute not found"):
         netcdf.write(dataset, tmp_path / "a.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_thread_collects_garbage_while_the_library_is_used():
+    assert gc.isenabled()
+    with netcdf.LOCK:
+        with netcdf.LOCK:  # taken again by the same thread
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+        with ThreadPoolExecutor(1) as other:
+            assert not other.submit(netcdf.LOCK.acquire, blocking=False).result()
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with netcdf.LOCK:
+            pass
+        assert not gc.isenabled()  # whoever has switched it off finds it so
+    finally:
+        gc.enable()
