@@ -69,13 +69,13 @@ def known_extent(files: "SiteFiles") -> DerivedExtent | None:
     return DerivedExtent(tuple(entry["edges"]), entry["sentence"]) if entry else None
 
 
-def needed_extent(settings: "SiteSettings", file: Path, largest: int = LARGEST_WHOLE) -> DerivedExtent | None:
+def needed_extent(settings: "SiteSettings", file: Path, largest: int | None = None) -> DerivedExtent | None:
     """Extent of the elevation raster of a site.yaml that no mass leaves; None if the raster is read as a whole.
 
     Parameters
     ----------
-    largest : int
-        Cells of the largest raster that is read as a whole.
+    largest : int, optional
+        Cells of the largest raster that is read as a whole; by default :data:`LARGEST_WHOLE`.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def needed_extent(settings: "SiteSettings", file: Path, largest: int = LARGEST_W
 
     with stated_at(file, "terrain", "dem"):
         header = read_header(locate(settings.terrain.dem, file.parent), settings.terrain.crs)
-    if header.cells <= largest:
+    if header.cells <= (LARGEST_WHOLE if largest is None else largest):
         return None
     places = [(release.polygons, release.raster, release.layer) for release in settings.release]
     places += [(one.line or one.polygon, None, one.layer) for one in settings.inflow or []]

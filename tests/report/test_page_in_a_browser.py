@@ -24,6 +24,12 @@ WIDE = """(() => {
     return wide.slice(0, 5).map((element) => element.outerHTML.slice(0, 90));
 })()"""
 
+SCALES = """(() => {
+    const map = Bokeh.documents.flatMap((document) => document.roots()).find((model) => model.x_range && model.y_range);
+    const length = (range) => range.end - range.start;
+    return [length(map.x_range) / map.inner_width, length(map.y_range) / map.inner_height];
+})()"""
+
 
 @pytest.fixture(scope="module")
 def path(site, results):
@@ -36,6 +42,8 @@ def test_the_page_asks_no_host_reports_no_error_and_does_not_scroll_sideways(pat
         page.open(path, READY)
         assert page.run("document.documentElement.scrollWidth") <= width
         assert page.run(WIDE) == []
+        east, north = page.run(SCALES)
+        assert east == pytest.approx(north, rel=1e-3)  # the map has one scale
         assert page.errors == []
         assert page.requests == []
         assert page.run("getComputedStyle(document.querySelector('.sheets')).display") == "none"
