@@ -46,3 +46,16 @@ def test_boundary_recovers_the_friction_at_least_as_well_as_the_area_and_the_gui
     assert "with the area it covered friction in {} and volume in {}".format(*area["covered"]) in guide
     assert f"the mean missed the friction by {area['rms_error'][0]:.2f} degrees" in guide
     assert "with the boundary in {} and {}".format(*boundary["covered"]) + f", and by {boundary['rms_error'][0]:.2f}" in guide
+
+
+def test_the_guide_states_what_the_outline_of_com1dfa_gives():
+    record = json.loads((RECORDS / "calibration_avakot.json").read_text(encoding="utf-8"))
+    guide = " ".join((ROOT / "docs" / "guide" / "calibration.md").read_text(encoding="utf-8").split())
+    for outline in ("area", "boundary"):
+        mu, xi = (record["outlines"][outline]["parameters"][name] for name in ("basal_mu", "basal_xi"))
+        assert f"{mu['mean']:.3f} ± {mu['standard_deviation']:.3f} and" in guide
+        assert f"{round(xi['mean'], -1):g} ± {round(xi['standard_deviation'], -1):g} m/s2" in guide
+    area = record["outlines"]["area"]
+    assert f"correlation {area['correlation'][0][1]:.2f}" in guide
+    across, along = area["principal_axes"]["standard_deviation_over_prior"]
+    assert f"{100 * across:.0f} % of the prior's deviation, that along it to {100 * along:.0f} %" in guide
