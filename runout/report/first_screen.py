@@ -47,8 +47,8 @@ class Answer:
 
 
 def assumed(study: Study, settings: Mapping[str, Any]) -> str:
-    """Sentence on the assumptions: released volume, friction with its source, and rates."""
-    parts = [part for part in (_released(study), friction(study, settings)) if part]
+    """Sentence on the assumptions: released volume, friction with its source, erodible bed, and rates."""
+    parts = [part for part in (_released(study), friction(study, settings), _bed(settings)) if part]
     rates = re.sub(r"\d+\.\d+(e-\d+)?", lambda rate: number(float(rate[0])), study.hazard.attrs.get("scenarios", ""))
     parts.append(f"scenarios with the rates of site.yaml ({rates})" if rates else "no annual rates")
     return f"Assumed: {'; '.join(parts)}."
@@ -63,6 +63,17 @@ def _released(study: Study) -> str:
     if inflows:
         parts.append(f"{volume(sum(one['volume'] for one in inflows))} of inflow{_times(study, DISCHARGE)}")
     return " and ".join(parts)
+
+
+def _bed(settings: Mapping[str, Any]) -> str:
+    """The erodible bed, if there is one; its depth if that is one number."""
+    bed = settings.get("bed")
+    if not isinstance(bed, Mapping):
+        return ""
+    depth, erosion = bed.get("depth"), bed.get("erosion")
+    deep = f" of {quantity(depth, 'm')}" if isinstance(depth, (int, float)) else ""
+    law = erosion.get("law") if isinstance(erosion, Mapping) else None
+    return f"an erodible bed{deep}" + (f", law {law}" if law else "")
 
 
 def _times(study: Study, factor: str) -> str:
@@ -282,7 +293,11 @@ def _calibrated(settings: Mapping[str, Any], site: str) -> Answer:
 
 def _water(study: Study, settings: Mapping[str, Any]) -> Answer:
     question = "Does water play a role?"
-    sampled = [_range(study, name) for name in tables.sampled_parameters(study) if name.startswith("pore_pressure")]
-    if settings.get("pore_pressure") or sampled:
-        return Answer(question, f"Yes: pore pressure{': ' + ', '.join(sampled) if sampled else ''}.", "settings", "Settings")
+    sampled = [_range(study, name) for name in tables.sampled_parameters(study) if "pore_pressure" in name]
+    masses = [one for block in ("release", "inflow") for one in settings.get(block) or []]
+    wet = [f"{one.get('name') or 'the mass'}" for one in masses if one.get("pore_pressure")]
+    wet += ["the bed"] if (settings.get("bed") or {}).get("pore_pressure") else []
+    if wet or sampled:
+        parts = [f"in {', '.join(wet)}"] if wet else []
+        return Answer(question, f"Yes: pore pressure {'; '.join(parts + sampled)}.", "settings", "Settings")
     return Answer(question, "Not by itself: no pore pressure is set, so water acts only through the friction that was chosen.")

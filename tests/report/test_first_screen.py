@@ -39,6 +39,12 @@ def test_volume_friction_and_its_origin_are_stated_as_assumptions(study, setting
     )
 
 
+def test_an_erodible_bed_is_an_assumption(study, settings):
+    bed = {"depth": 2.0, "erosion": {"law": "ramms", "rate": 0.025}}
+    assert "; an erodible bed of 2\u202fm, law ramms; " in first_screen.assumed(study, settings | {"bed": bed})
+    assert "; an erodible bed; " in first_screen.assumed(study, settings | {"bed": {"depth": "depth.tif"}})
+
+
 @pytest.mark.parametrize(
     ("table", "origin"),
     [
@@ -154,7 +160,10 @@ def test_answers_on_volume_follow_the_kind_of_ensemble(study, settings):
 
 def test_water_is_answered_from_the_settings(study, settings):
     assert first_screen.questions(study, settings, "")[7].text.startswith("Not by itself")
-    assert first_screen.questions(study, settings | {"pore_pressure": {"ratio": 0.4}}, "")[7].text == "Yes: pore pressure."
+    wet = {"release": [{"name": "scar", "pore_pressure": {"ratio": 0.4}}, {"name": "dry"}]}
+    assert first_screen.questions(study, settings | wet, "")[7].text == "Yes: pore pressure in scar."
+    bed = {"bed": {"depth": 1.0, "pore_pressure": {"ratio": 0.5}}}
+    assert first_screen.questions(study, settings | wet | bed, "")[7].text == "Yes: pore pressure in scar, the bed."
 
 
 def test_print_has_sheets_with_title_block_and_the_screen_the_map(text, results):
