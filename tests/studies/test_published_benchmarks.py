@@ -83,7 +83,8 @@ def test_a_rung_without_room_for_the_dense_grid_has_the_sparse_part_only(monkeyp
     found = ladder.rung(3.0, 2000, "cpu", 1)
     assert "dense" not in found
     assert "speed_up" not in found
-    [_, (_, table)] = tables([{"device": "cpu", "ladder": [found]}])
+    [_, _, (title, table)] = tables([{"device": "cpu", "ladder": [found]}])
+    assert title == "Sparsity ladder"
     assert table.count("no room") == 4
 
 
@@ -138,12 +139,25 @@ def test_the_page_and_its_tables_are_made_from_the_record(record):
 def test_published_figures_stand_beside_rows_of_the_same_sparsity_and_cell():
     rung = {"sparsity": 373.0, "particles": 10, "speed_up": 3.0, "memory_ratio": 5.0, "measured_sparsity": 380.0}
     rung |= {kind: {"step": 1e-3, "index": 1e-4, "bytes": 10, "blocks": 5} for kind in ("sparse", "dense")}
-    [(title, table), _] = tables([{"device": "cuda:0", "card": "card", "ladder": [rung]}])
+    [(title, table), (beside, codes), _] = tables([{"device": "cuda:0", "card": "card", "ladder": [rung]}])
+    assert beside == "Published code on one card"
+    assert "| 10.2 M | 0.212 | 1.34 | 5.25 | 6.3 | 24.8 |" in codes
     assert title == "Beside the published figures"
     assert "| 11.5 | 3.0 (sparsity 380) | GPU |" in table
     assert "| 97 | not measured | CPU |" in table
-    [(_, other), _] = tables([{"device": "cuda:0", "ladder": [rung | {"measured_sparsity": 370.0}]}])
+    [(_, other), *_] = tables([{"device": "cuda:0", "ladder": [rung | {"measured_sparsity": 370.0}]}])
     assert "11.5" not in other
+
+
+def test_the_dense_control_covers_the_box_of_the_whole_flow(monkeypatch):
+    """On warp's CPU device: both grids make the same steps, the dense one over all blocks of the box."""
+    monkeypatch.setattr(site_runs, "TURNS", 1)
+    monkeypatch.setattr(site_runs, "TRANSFERS", 1)
+    low, high = (-1, -1, -3), (8, 5, 4)
+    found = site_runs.dense_control(40.0, "cpu", low, high)
+    assert found["dense_blocks"] >= np.prod(np.subtract(high, low) + 1) > 3 * found["sparse_blocks"]
+    assert found["dense_bytes"] > found["sparse_bytes"]
+    assert min(found["dense_seconds"], found["sparse_seconds"]) > 0
 
 
 def test_a_gpu_runs_the_site_and_the_ladder_only():
