@@ -33,7 +33,8 @@ def main(report: Path, folder: Path) -> list[Path]:
 
 def screen(report: Path, width: int, height: int) -> bytes:
     """PNG of the top of a report in a window of that size."""
-    with tempfile.TemporaryDirectory() as profile, Page(Path(profile), width=width, height=height) as page:
+    profiles = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)  # Chromium may still write there
+    with profiles as profile, Page(Path(profile), width=width, height=height) as page:
         page.open(report, READY)
         page.run("new Promise((done) => setTimeout(done, 1500))")  # the map draws its pictures after it is ready
         clip = {"x": 0, "y": 0, "width": width, "height": TALLEST, "scale": 1}
@@ -42,7 +43,7 @@ def screen(report: Path, width: int, height: int) -> bytes:
 
 def sheet(report: Path) -> bytes:
     """PNG of a sheet of the print of a report."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:  # Chromium may still write there
         printed, picture = Path(folder) / "report.pdf", Path(folder) / SHEET
         with Page(Path(folder) / "profile") as page:
             page.open(report, READY)

@@ -2,6 +2,7 @@
 
 import os
 import time
+import webbrowser
 
 import numpy as np
 import pytest
@@ -44,6 +45,7 @@ def test_the_browser_gets_the_report(finished_site, program, monkeypatch, capsys
     folder, _ = finished_site
     said = program("my-browser")
     monkeypatch.setenv("BROWSER", "my-browser %s")
+    monkeypatch.setattr(webbrowser, "_tryorder", None)  # which it made of the environment of an earlier test
     assert cli.main(["open", str(folder)]) == ExitCode.OK
     report = folder / "results" / "report.html"
     assert written(said) == report.as_uri()

@@ -1,6 +1,7 @@
 """`runout what-if`: values of parameters become runs on coarse cells, a table and a page; others are refused with a remedy."""
 
 import re
+import webbrowser
 
 import numpy as np
 import pandas as pd
@@ -77,6 +78,7 @@ def test_a_longer_range_runs_the_new_values_alone(done, tmp_path, monkeypatch, c
     browser.write_text(f'#!/bin/sh\nprintf "%s" "$1" > "{tmp_path}/opened"\n')
     browser.chmod(0o755)
     monkeypatch.setenv("BROWSER", f"{browser} %s")
+    monkeypatch.setattr(webbrowser, "_tryorder", None)  # which it made of the environment of an earlier test
     before = {path: path.stat().st_mtime_ns for path in (results / "members").glob("*.nc")}
     assert len(before) == 3
     options = ["--open", "--threads", "1", "--device", "cpu"]
