@@ -82,8 +82,8 @@ def _verdict(errors: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     for site, rows in errors.items():
         before = rows[COARSE]["peak"]
         best = min(alone, key=lambda name: rows[name]["peak"])
-        left, whole = rows[best]["peak"] / before, rows["half the cells in all directions"]["peak"] / before
-        lines.append((FLOWS[site], best, f"{left:.2f}", f"{whole:.2f}"))
+        share_of_best, whole = rows[best]["peak"] / before, rows["half the cells in all directions"]["peak"] / before
+        lines.append((FLOWS[site], best, f"{share_of_best:.2f}", f"{whole:.2f}"))
     heads = "flow", "choice that takes most away", "error left", "left with half the cells in all directions"
     return "## The next factor\n\n" + markdown(heads, lines)
 

@@ -76,8 +76,8 @@ def _fault(name: str, priors: Mapping[str, Prior]) -> str:
         return f"{name}: sampled by {', '.join(with_it)}, not by {', '.join(lacking)}; sample it in all sites, {remedy}"
     if all(one == next(iter(with_it.values())) for one in with_it.values()):
         return ""
-    stated = "; ".join(f"{event} {_words(one)}" for event, one in with_it.items())
-    return f"{name}: a shared parameter has one prior, but the sites state several ({stated}); state the same one, {remedy}"
+    all_priors = "; ".join(f"{event} {_words(one)}" for event, one in with_it.items())
+    return f"{name}: a shared parameter has one prior, but the sites state several ({all_priors}); state the same one, {remedy}"
 
 
 def _words(distribution: Any) -> str:

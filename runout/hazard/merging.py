@@ -148,16 +148,16 @@ def read_product(path: Path) -> "xr.Dataset":
 
 def _named(products: Sequence[Path]) -> dict[str, Path]:
     """Products by the name of their site; names that occur again get a number."""
-    found: dict[str, Path] = {}
+    products_by_name: dict[str, Path] = {}
     for path in products:
         if not path.is_file():
             raise InputError(f"{path}: no such file; `runout run` makes it")
         name = str(netcdf.read_attributes(path).get("site", path.parent.name))
-        number = sum(one == name or one.startswith(f"{name} (") for one in found)
-        found[f"{name} ({number + 1})" if number else name] = path
-    if len(found) < 2:
+        number = sum(one == name or one.startswith(f"{name} (") for one in products_by_name)
+        products_by_name[f"{name} ({number + 1})" if number else name] = path
+    if len(products_by_name) < 2:
         LOGGER.info("one site only: the merged maps are its own")
-    return found
+    return products_by_name
 
 
 def _require_one_system(grids: Mapping[str, Grid], sources: Mapping[str, Path]) -> None:

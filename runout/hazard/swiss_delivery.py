@@ -126,10 +126,10 @@ def _intensities(hazard: "xr.Dataset", delivery: Delivery, terrain: Terrain) -> 
         values = hazard[INTENSITY].sel({PERIOD: years}).values
         for entry in entries_of(hazard, INTENSITY):
             for polygon in _polygons(values == entry["number"], terrain):
-                stated = {"intensity_class": CLASSES[entry["name"]], "process_cantonal_term": delivery.term or delivery.process}
+                attributes = {"intensity_class": CLASSES[entry["name"]], "process_cantonal_term": delivery.term or delivery.process}
                 comment = f"{record['scheme']}, class {entry['name']}, checked: {entry['checked']}"
                 own = {"subproc_intensity_by_source": delivery.process, "comments": comment[:250], "geometry": polygon}
-                rows.append(stated | _of_scenario(years, delivery) | own)
+                rows.append(attributes | _of_scenario(years, delivery) | own)
     return rows
 
 
@@ -156,9 +156,9 @@ def _parameters(hazard: "xr.Dataset", delivery: Delivery, terrain: Terrain, laye
         for low, high in pairwise(BANDS):
             for polygon in _polygons((values > low) & (values <= high), terrain):
                 limits = {f"{stem}_lower_{unit}": low, f"{stem}_upper_{unit}": high}
-                stated = {"method_of_assessment": "model_evaluation", "process_cantonal_term": delivery.term or delivery.process}
+                method = {"method_of_assessment": "model_evaluation", "process_cantonal_term": delivery.term or delivery.process}
                 comment = {"comments": "values above 10 belong to the highest band"} if high == BANDS[-1] else {"comments": ""}
-                rows.append(_of_scenario(float(years), delivery) | limits | stated | comment | {"geometry": polygon})
+                rows.append(_of_scenario(float(years), delivery) | limits | method | comment | {"geometry": polygon})
     return rows
 
 
@@ -169,10 +169,10 @@ def _areas(hazard: "xr.Dataset", delivery: Delivery, terrain: Terrain) -> list[d
         if entry["name"] not in LEVELS:
             raise ConfigError(f"the model has no level {entry['name']}; name the levels of the scheme {', '.join(LEVELS)}")
         for polygon in _polygons(hazard[LEVEL].values == entry["number"], terrain):
-            stated = {"main_process": MAIN_PROCESS[delivery.process], "hazard_level": LEVELS[entry["name"]]}
+            danger = {"main_process": MAIN_PROCESS[delivery.process], "hazard_level": LEVELS[entry["name"]]}
             complete = {"subprocesses_complete": "not_complete", "sources_complete": "not_complete"}
             comment = {"comments": f"{delivery.source}, {delivery.process} alone; checked: {entry['checked']}"[:250]}
-            rows.append({"data_responsibility": delivery.canton} | stated | complete | comment | {"geometry": polygon})
+            rows.append({"data_responsibility": delivery.canton} | danger | complete | comment | {"geometry": polygon})
     return rows
 
 

@@ -217,10 +217,10 @@ def _extent(site: "Site", content: Mapping[str, Any], place: Path) -> list[float
     if any(content.get(key) for key in WHOLE) or any(terrain.get(key) for key in _LOCAL) or is_mesh(site.settings.terrain.dem):
         return None
     derived = needed_extent(checked(read_text(_yaml(content), f"{place.name}/{FILE_NAME}"), place), place / FILE_NAME, largest=0)
-    stated = terrain.get("extent")
+    own_extent = terrain.get("extent")
     if derived is None:
         return None
-    pairs = enumerate(zip(derived.edges, stated or derived.edges, strict=True))
+    pairs = enumerate(zip(derived.edges, own_extent or derived.edges, strict=True))
     return [round(max(a, b) if k < 2 else min(a, b), 6) for k, (a, b) in pairs]
 
 

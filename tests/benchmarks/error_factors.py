@@ -97,10 +97,10 @@ def rows_of(site: str, folder: Path, engine: dict[str, str]) -> list[dict[str, A
         facts
         | {
             "factor": name,
-            "peak": relative_l1(found[MAPS[0]], exact[MAPS[0]]),
-            "at_end": relative_l1(found[MAPS[1]], exact[MAPS[1]]),
+            "peak": relative_l1(of_run[MAPS[0]], exact[MAPS[0]]),
+            "at_end": relative_l1(of_run[MAPS[1]], exact[MAPS[1]]),
         }
-        for name, found in maps.items()
+        for name, of_run in maps.items()
     ]
 
 

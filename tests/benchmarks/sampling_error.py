@@ -83,10 +83,10 @@ def row_of(values: np.ndarray, size: int) -> dict[str, Any]:
     for k in range(blocks):
         block = reached[:, k * size : (k + 1) * size]
         factor = evenness(estimator.deviations(block, np.arange(size), size))
-        stated = factor * estimator.of_mean(block, np.arange(size), size)  # type: ignore[operator]
+        stated_errors = factor * estimator.of_mean(block, np.arange(size), size)  # type: ignore[operator]
         mean = block.mean(axis=1, dtype=np.float64)
         variance = block.var(axis=1, dtype=np.float64) / size
-        squares += [np.mean(np.square(stated)), np.mean(np.square(mean - whole)) / part, np.mean(variance)]  # type: ignore[arg-type]
+        squares += [np.mean(np.square(stated_errors)), np.mean(np.square(mean - whole)) / part, np.mean(variance)]  # type: ignore[arg-type]
     stated_rms, true_rms, independent = np.sqrt(squares / blocks)
     ratio = float(stated_rms / true_rms) if true_rms else None
     holds = ratio is not None and BOUNDS[0] <= ratio <= BOUNDS[1]
@@ -100,11 +100,11 @@ def rows_of(site: Any, ensemble: Any, sizes: Sequence[int]) -> list[dict[str, An
 
     if len(ensemble.files) != len(ensemble.table):
         raise SystemExit(f"{site.name}: {ensemble.statement()}; the blocks would be no nets")
-    files, found = [ensemble.files[k] for k in sorted(ensemble.files)], []
+    files, rows = [ensemble.files[k] for k in sorted(ensemble.files)], []
     for words, values in stacks(files, stated_thresholds(site.settings.hazard)):
         if values.any():
-            found += [{"site": site.name, "map": words, **row_of(values, size)} for size in sizes if size < len(files)]
-    return found
+            rows += [{"site": site.name, "map": words, **row_of(values, size)} for size in sizes if size < len(files)]
+    return rows
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -119,15 +119,15 @@ def _cell(value: Any) -> str:
 
 def summary(rows: Sequence[Mapping[str, Any]], sizes: Sequence[int]) -> list[dict[str, Any]]:
     """For each number of members how many maps hold, and the range and the median of the ratios."""
-    found = []
+    lines = []
     for size in sizes:
         ratios = [row["ratio"] for row in rows if row["members"] == size and row["ratio"] is not None]
         if ratios:
             numbers = {"least": min(ratios), "median": float(np.median(ratios)), "largest": max(ratios)}
-            found.append(
+            lines.append(
                 {"members": size, "maps": len(ratios), "hold": sum(BOUNDS[0] <= r <= BOUNDS[1] for r in ratios), **numbers}
             )
-    return found
+    return lines
 
 
 def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:

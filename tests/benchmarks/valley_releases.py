@@ -136,12 +136,12 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--stop-after", type=float, help="seconds after which the first call is killed")
     chosen = parser.parse_args(arguments)
     site = make_site(chosen.out / "valley", chosen.releases, chosen.members, chosen.cells, chosen.end_time)
-    calls, kept = [], members_of(site)
+    calls, finished_before = [], members_of(site)
     if chosen.stop_after:
         calls.append({"call": "killed", **call(site, chosen.device, chosen.workers, chosen.stop_after)})
-        kept = members_of(site)
+        finished_before = members_of(site)
     calls.append({"call": "whole", **call(site, chosen.device, chosen.workers)})
-    repeated = [path for path, time_of_change in kept.items() if members_of(site).get(path) != time_of_change]
+    repeated = [path for path, time_of_change in finished_before.items() if members_of(site).get(path) != time_of_change]
     before = members_of(site)
     calls.append({"call": "again", **call(site, chosen.device, chosen.workers)})
     record = {"machine": machine(), "versions": versions(), "device": chosen.device, "releases": chosen.releases}

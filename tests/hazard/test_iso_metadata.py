@@ -41,15 +41,15 @@ def test_each_mandatory_element_has_content(products, name):
 def test_a_library_for_catalogues_reads_title_extent_system_and_lineage(products):
     owslib_iso = pytest.importorskip("owslib.iso")
     parsed = pytest.importorskip("lxml.etree").parse(products.results / "metadata.xml")
-    found = owslib_iso.MD_Metadata(parsed.getroot())
-    assert found.identification[0].title == "A made-up valley: hazard maps"
-    box = found.identification[0].bbox
+    record = owslib_iso.MD_Metadata(parsed.getroot())
+    assert record.identification[0].title == "A made-up valley: hazard maps"
+    box = record.identification[0].bbox
     assert (float(box.minx), float(box.miny)) == pytest.approx((-84.35, 36.29), abs=0.1)
     assert float(box.maxx) > float(box.minx)
-    assert (found.referencesystem.code, found.referencesystem.codeSpace) == ("32616", "EPSG")
-    assert "inputs/dem.tif (SHA-256 " in found.dataquality.lineage
-    assert "3 of 5 members are valid" in found.dataquality.lineage
-    assert found.identification[0].topiccategory == ["geoscientificInformation"]
+    assert (record.referencesystem.code, record.referencesystem.codeSpace) == ("32616", "EPSG")
+    assert "inputs/dem.tif (SHA-256 " in record.dataquality.lineage
+    assert "3 of 5 members are valid" in record.dataquality.lineage
+    assert record.identification[0].topiccategory == ["geoscientificInformation"]
 
 
 def test_a_contact_that_nobody_states_is_marked_as_missing(products):
@@ -61,17 +61,17 @@ def test_author_licence_and_purpose_are_those_of_the_site(tmp_path):
     from runout.hazard.products import write_products
 
     site, results = make_site(tmp_path)
-    stated = {
+    contact = {
         "author": "A. Author",
         "email": "a@example.org",
         "institution": "Office & Sons",
         "license": "CC-BY-4.0",
         "purpose": "a < b",
     }
-    site.settings.metadata = SimpleNamespace(model_dump=lambda exclude_none: stated)
+    site.settings.metadata = SimpleNamespace(model_dump=lambda exclude_none: contact)
     write_products(site, results, make_table(), None)
     texts = [element.text for element in record(results).iter(f"{{{GCO}}}CharacterString")]
-    assert set(stated.values()) <= set(texts)
+    assert set(contact.values()) <= set(texts)
 
 
 def test_local_coordinates_have_no_record(local_products):

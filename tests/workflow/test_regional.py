@@ -106,8 +106,8 @@ def test_scenarios_go_to_their_release(site):
     )
     scenarios = "  scenarios: [{name: often, return_period: 30, releases: [other]}, {name: rare, return_period: 300}]\nhazard:"
     changed(site, "material:", second)
-    found = sources_of(changed(site, "hazard:", scenarios))
-    names = {one.name: [s["name"] for s in one.settings["ensemble"]["scenarios"]] for one in found}
+    sources = sources_of(changed(site, "hazard:", scenarios))
+    names = {one.name: [s["name"] for s in one.settings["ensemble"]["scenarios"]] for one in sources}
     assert names == {"north": ["rare"], "south": ["rare"], "other": ["often", "rare"]}
 
 

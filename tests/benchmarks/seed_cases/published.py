@@ -16,7 +16,10 @@ CODE_ON_ONE_CARD = (  # particles, then 1e9 particle-steps/s: published code in 
     (1.29e6, 0.185, 1.46, 3.43),
     (10.2e6, 0.212, 1.34, 5.25),
 )
-CODE_RUN = "one H100 80GB, version 3454fd9 of runout: a Drucker-Prager layer on a plane, cells of 0.43 m, eight particles a cell"
+CODE_RUN = (
+    "one H100 80GB, by an earlier runout with one substep: a Drucker-Prager layer on a plane, cells of 0.43 m, "
+    "eight particles a cell"
+)
 NOT_COMPARABLE = (
     (
         "the two codes on one card",

@@ -101,7 +101,7 @@ def one_run(cell: float, device: str, end_time: float) -> dict[str, Any]:
     started = clock()
     ground = site.terrain()
     engine = get_backend("scan" if device == "cpu" else "hash", device, THREADS)
-    scene, particles = _scene(ground, cell)
+    scene, particles = site_scene(ground, cell)
     watch = Watch(engine, len(particles))
     run = Run(engine, scene, RunControl(end_time), watch.look, None)
     run.start(particles)
@@ -122,7 +122,7 @@ def one_run(cell: float, device: str, end_time: float) -> dict[str, Any]:
     }
 
 
-def _scene(ground: Any, cell: float) -> Any:
+def site_scene(ground: Any, cell: float) -> Any:
     """Scene and particles of the site with cells of ``cell`` [m]."""
     return build_scene(
         ground,
@@ -154,7 +154,7 @@ def dense_control(cell: float, device: str, low: Sequence[int], high: Sequence[i
     """
     engines = {}
     for index in INDEXES:
-        scene, particles = _scene(site.terrain(), cell)
+        scene, particles = site_scene(site.terrain(), cell)
         engine = get_backend("hash", device, index=index)
         try:
             with patch("runout.backends.hash.batch.box_around", lambda nodes: _nodes_of_box(low, high)):
