@@ -258,3 +258,28 @@ def test_errors_are_never_caught_wholesale():
             if node.type is None or ast.unparse(node.type) in ("Exception", "BaseException"):
                 broad.append(f"{place(path)}:{node.lineno}")
     assert broad == []
+
+
+CHECKS = ("raises", "warns", "fail", "assert_")  # of pytest and numpy
+
+
+def _checks(function: ast.AST) -> bool:
+    """Whether a function holds an assertion, in its own words."""
+    calls = (node.func for node in ast.walk(function) if isinstance(node, ast.Call))
+    names = [getattr(call, "attr", getattr(call, "id", "")) for call in calls]
+    return any(isinstance(node, ast.Assert) for node in ast.walk(function)) or any(n.startswith(CHECKS) for n in names)
+
+
+def test_every_test_asserts_something_and_none_skips_where_a_module_of_runout_is_missing():
+    trees = {path: ast.parse(path.read_text()) for path in sorted((ROOT / "tests").rglob("*.py"))}
+    functions = [(path, node) for path, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    helpers = {node.name for _, node in functions if not node.name.startswith("test_") and _checks(node)}
+    tests = [(path, node) for path, node in functions if node.name.startswith("test_") and path.name.startswith("test_")]
+    assert len(tests) > 3000
+    silent = []
+    for path, test in tests:
+        called = {getattr(node.func, "id", "") for node in ast.walk(test) if isinstance(node, ast.Call)}
+        silent += [f"{place(path)}: {test.name}"] if not (_checks(test) or called & helpers) else []
+    assert silent == []
+    skipping = [place(path) for path in trees if re.search(r"importorskip\(\s*[\"']runout", path.read_text())]
+    assert skipping == []

@@ -27,4 +27,6 @@ def test_the_context_of_a_device_is_taken_before_threads_load_modules(monkeypatc
 def test_a_process_whose_kernels_are_compiled_already_records_its_graphs():
     """Its threads load all modules at the same time, before anything else has used the device."""
     for _ in range(3):
-        subprocess.run([sys.executable, str(BENCHMARK), "--device", HASH_DEVICE, "--sizes", "0.1M"], check=True, timeout=120)
+        command = [sys.executable, str(BENCHMARK), "--device", HASH_DEVICE, "--sizes", "0.1M"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr

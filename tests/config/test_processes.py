@@ -71,7 +71,9 @@ def test_typical_values_are_settings_ranges_are_sampled_and_sources_stand_beside
 @pytest.mark.parametrize(("name", "other"), VARIANTS)
 def test_published_values_are_ordered_valid_and_say_whether_they_were_checked(name, other):
     p = processes()[name]
-    for r in (p.variant if other is None else p.others[other]).ranges:
+    ranges = (p.variant if other is None else p.others[other]).ranges
+    assert ranges
+    for r in ranges:
         assert r.values == sorted(r.values)
         assert len(r.values) in (1, 3)
         assert all(map(sampled_ranges()[r.key].holds, r.values)), r.key

@@ -33,8 +33,8 @@ def test_a_page_is_a_summary_with_one_figure(made):
     assert page.text.endswith(".\n")
 
 
-def test_every_table_is_linked_from_its_page(made):
-    _, page = made
+@pytest.mark.parametrize("page", [page for _, page in MADE if page.tables], ids=lambda page: page.name)
+def test_every_table_is_linked_from_its_page(page):
     for name in page.tables:
         assert f"<{TABLES}/{name}>" in page.text
 

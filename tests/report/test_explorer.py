@@ -127,7 +127,9 @@ def test_cells_and_pictures_lie_where_the_raster_lies(study, made):
 
 
 def test_legend_has_a_colour_and_words_for_each_class(made):
-    for family in content_of(made).families:
+    families = content_of(made).families
+    assert {"max_flow_thickness", "max_speed"} <= {family["name"] for family in families}
+    for family in families:
         assert len(family["edges"]) == len(family["colours"]) == len(family["labels"]), family["name"]
         assert family["edges"] == sorted(family["edges"])
         assert all(re.fullmatch("#[0-9a-f]{6}", colour) for colour in family["colours"])
