@@ -77,9 +77,12 @@ class Probabilities:
         """Sentences on areas of a probability that are smaller or larger than the area of every member."""
         for (quantity, threshold), areas in self.areas.items():
             own = float(np.nansum(flow.area(quantity, threshold))) * flow.grid.cell_area
-            if min(areas) <= own <= max(areas):
+            if own < min(areas):
+                than = "smaller"
+            elif own > max(areas):
+                than = "larger"
+            else:
                 continue
-            than = "smaller" if own < min(areas) else "larger"
             yield (
                 f"{quantity} of {threshold:g}: the area with P >= {flow.probability:g}, {own:.4g} m2, is {than} than that of every "
                 f"member ({min(areas):.4g} to {max(areas):.4g} m2), since members reach different places; use the scores of members"

@@ -21,7 +21,7 @@ from runout.scores.definitions import Score
 from runout.scores.flow import Flow, percentile_of
 from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid, common_grid
-from runout.scores.members import Member, ranked
+from runout.scores.members import Member, Probabilities, ranked
 from runout.scores.observations import Observations
 
 sys.path.append(str(Path(__file__).parents[1] / "hazard"))
@@ -234,3 +234,35 @@ def test_both_ensembles_are_compared_by_percentiles_with_a_sentence(products):
     assert {score.value for score in comparison.found.scores if score.name == "csi"} == {1.0}
     assert comparison.members == ()
     assert "volume_bias" not in {score.name for score in comparison.found.scores}
+
+
+def test_a_thalweg_is_turned_downhill_also_on_ground_that_is_known_in_part(tmp_path):
+    ground = np.broadcast_to(np.arange(20.0, 0.0, -1.0), GRID.shape).copy()  # falls to the east
+    ground[0, 7] = np.nan
+    flow = np.zeros(GRID.shape)
+    flow[4, 2:15] = 1.0
+    maps = [write(tmp_path / f"{name}_thickness.tif", flow) for name in ("one", "other")]
+    line = layer(tmp_path / "line.gpkg", shapely.LineString([(500_185.0, 5_000_045.0), (500_015.0, 5_000_045.0)]))
+    choices = scores.Choices(thresholds=(0.5,), thalweg=line, dem=write(tmp_path / "dem.tif", ground))
+    comparison = scores.compare(*maps, choices)
+    assert any("the line runs uphill, from 2 to 19 m; it is read from its other end." in note for note in comparison.changes)
+    assert comparison.setting.thalweg.points[0, 0] < comparison.setting.thalweg.points[-1, 0]
+    (counts,) = [counts for counts in comparison.found.counts.values() if "modelled_front_m" in counts]
+    assert counts["modelled_front_m"] == pytest.approx(130.0)
+
+
+def test_a_probable_area_is_told_from_those_of_members_only_where_it_is_smaller_or_larger_than_all():
+    def flow(cells, probability=None):
+        thickness = np.zeros(GRID.shape)
+        thickness[0, :cells] = 1.0
+        if probability is None:
+            return Flow(GRID, {"thickness": thickness})
+        return Flow(GRID, {}, {("thickness", 0.5): np.where(thickness > 0, 1.0, 0.0)}, probability)
+
+    members = Probabilities()
+    for cells in (4, 8):
+        members.add(flow(cells), 0.5, [("thickness", 0.5)])
+    said = {cells: " ".join(members.unlike_members(flow(cells, 0.5))) for cells in (3, 4, 8, 9)}
+    assert said[4] == said[8] == ""
+    assert "300 m2, is smaller than that of every member (400 to 800 m2)" in said[3]
+    assert "900 m2, is larger than that of every member (400 to 800 m2)" in said[9]

@@ -73,12 +73,31 @@ def test_a_map_in_another_system_comes_to_its_place():
     assert np.isnan(found[0, 0])
 
 
+def test_cells_beyond_the_rim_of_a_map_in_another_system_are_unknown():
+    there = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:3035", always_xy=True).transform(500_200.0, 5_000_150.0)
+    target = scores.Grid(
+        there[0] - 300.0, there[1] - 300.0, (5.0, 5.0), (120, 120), pyproj.CRS("EPSG:3035").to_wkt()
+    )  # of equal area
+    values = scores.resampled(np.ones(FINE.shape), FINE, target)
+    assert set(values[np.isfinite(values)]) == {1.0}
+    assert np.isfinite(values).sum() * target.cell_area == pytest.approx(300.0 * 400.0, rel=0.01)  # a row more: 0.0167
+
+
 def test_systems_without_a_known_transformation_are_refused_in_one_line():
     nameless = pyproj.CRS("+proj=utm +zone=32 +ellps=intl").to_wkt()
     odd = scores.Grid(0.0, 0.0, (5.0, 5.0), (10, 10), nameless, "odd.tif")
     with pytest.raises(ObservationError, match=r"odd.tif is in .* names no datum") as error:
         scores.resampled(np.zeros((10, 10)), odd, FINE)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("size", "shape"), [((5.0, 0.0), (3, 3)), ((-5.0, 5.0), (3, 3)), ((5.0, 5.0), (2, 9)), ((np.inf, 5.0), (3, 3))]
+)
+def test_a_grid_has_three_cells_each_way_of_a_positive_finite_size(size, shape):
+    assert scores.Grid(0.0, 0.0, (5.0, 0.1), (3, 3)).cell_area == pytest.approx(0.5)
+    with pytest.raises(ObservationError, match="3 x 3 of a positive size are needed"):
+        scores.Grid(0.0, 0.0, size, shape)
 
 
 def test_a_grid_grows_by_whole_cells_to_cover_others():

@@ -72,6 +72,18 @@ def test_gauges_of_a_file_have_their_places_and_values_and_empty_ones_are_unknow
     np.testing.assert_array_equal(gauges.values["speed"], [12.5, np.nan])
 
 
+def test_gauges_on_the_edges_of_the_terrain_lie_on_it_and_those_beyond_are_counted(tmp_path, slope):
+    west, south, east, north = slope.extent
+    edges = [(west, south + 5), (east, south + 5), (west + 5, south), (west + 5, north)]
+    beyond = [(west - 0.1, south + 5), (east + 0.1, south + 5), (west + 5, south - 0.1), (west + 5, north + 0.1)]
+    for name, places in (("edges", edges), ("all", edges + beyond)):
+        frame = geopandas.GeoDataFrame({"v": np.ones(len(places))}, geometry=list(map(shapely.Point, places)), crs="EPSG:32632")
+        frame.to_file(tmp_path / f"{name}.gpkg")
+    assert read_gauges(tmp_path / "edges.gpkg", slope, {"speed": "v"})[1] == ()
+    (change,) = read_gauges(tmp_path / "all.gpkg", slope, {"speed": "v"})[1]
+    assert "4 of 8 gauges lie outside" in change
+
+
 @pytest.mark.parametrize(("attributes", "said"), [({"v": [1.0, -2.0]}, "must be 0 or more"), ({"w": [1.0, 2.0]}, "'v'.*w")])
 def test_gauges_without_a_speed_or_with_a_negative_one_are_refused(gauge_file, attributes, said):
     with pytest.raises(ObservationError, match=said):
