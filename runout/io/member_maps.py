@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -95,7 +95,30 @@ def cut_to_reached(
     return terrain.part(*part.slices), {name: values[part.slices] for name, values in maps.items()}, attributes, raster
 
 
-class MemberMaps:
+class _MapsFile:
+    """An open file with maps of members; its values come as they are stored."""
+
+    def __init__(self, path: str | os.PathLike[str]):
+        import netCDF4
+
+        self.path = Path(path)
+        with netcdf.reading(path):
+            self.file = netCDF4.Dataset(path)
+            self.file.set_auto_maskandscale(False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        with netcdf.LOCK:
+            self.file.close()
+
+    def held(self) -> tuple[str, ...]:
+        """Maps of a member that the file holds: those of a bed where there is one; a file of an earlier version may lack some."""
+        return tuple(name for name in (*MEMBER_MAPS, *BED_MAPS) if name in self.file.variables)
+
+
+class MemberMaps(_MapsFile):
     """The open file of a member, for the block of a ``with`` statement; it holds the whole raster, or a part of it.
 
     Parameters
@@ -119,12 +142,8 @@ class MemberMaps:
     """
 
     def __init__(self, path: str | os.PathLike[str]):
-        import netCDF4
-
-        self.path = Path(path)
+        super().__init__(path)
         with netcdf.reading(path):
-            self.file = netCDF4.Dataset(path)
-            self.file.set_auto_maskandscale(False)
             self.attributes: dict[str, Any] = self.file.__dict__
             dimensions = self.file.dimensions
             for name in self.held():
@@ -133,13 +152,6 @@ class MemberMaps:
         self.is_part = set(_ATTRIBUTES) <= set(self.attributes)
         row, column, *shape = (int(self.attributes[name]) for name in _ATTRIBUTES) if self.is_part else (0, 0, rows, columns)
         self.part, self.shape = Part(row, column, rows, columns), (shape[0], shape[1])
-
-    def __enter__(self) -> "MemberMaps":
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        with netcdf.LOCK:
-            self.file.close()
 
     def grid(self) -> "xr.Dataset":
         """Place of the whole raster: ``x``, ``y``, ``crs`` and, where the file has them, ``longitude`` and ``latitude``."""
@@ -173,10 +185,6 @@ class MemberMaps:
             f"{self.path}: its grid ({self.shape[0]} rows, {self.shape[1]} columns) is not that of {first}; "
             f"{reason}, remove it and run the ensemble again"
         )
-
-    def held(self) -> tuple[str, ...]:
-        """Maps of a member that the file holds: those of a bed where there is one; a file of an earlier version may lack some."""
-        return tuple(name for name in (*MEMBER_MAPS, *BED_MAPS) if name in self.file.variables)
 
     def blocks(self, cells: int, names: Sequence[str] = MEMBER_MAPS) -> Iterator[Block]:
         """Maps of these names, each cell once, in blocks of at most ``cells`` cells or of one chunk of the file."""
@@ -232,7 +240,7 @@ def _without_fill(values: np.ndarray, name: str) -> np.ndarray:
     return values
 
 
-class MembersFile:
+class MembersFile(_MapsFile):
     """The open ``members.nc``, for the block of a ``with`` statement: maps and ledgers of all members from one file.
 
     Raises
@@ -242,26 +250,14 @@ class MembersFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]):
-        import netCDF4
-
-        self.path = Path(path)
+        super().__init__(path)
         with netcdf.reading(path):
-            self.file = netCDF4.Dataset(path)
-            self.file.set_auto_maskandscale(False)
             self.places = {int(number): place for place, number in enumerate(self.file["realization"][:])}
-            self.maps = tuple(name for name in (*MEMBER_MAPS, *BED_MAPS) if name in self.file.variables)
             self.ledgers: dict[str, np.ndarray] = {}
             if LEDGERS in self.file.groups:
                 columns = self.file.groups[LEDGERS].variables
                 self.ledgers = {name: np.asarray(column[:]) for name, column in columns.items() if name != RECORDS}
                 self.ends = np.cumsum(columns[RECORDS][:])
-
-    def __enter__(self) -> "MembersFile":
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        with netcdf.LOCK:
-            self.file.close()
 
     def member(self, number: int) -> "StackedMember":
         """A member by its number."""
@@ -277,7 +273,7 @@ class StackedMember:
 
     def held(self) -> tuple[str, ...]:
         """Names of the maps."""
-        return self.stack.maps
+        return self.stack.held()
 
     def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
         """One map in a rectangle of the raster, float32; NaN where it has no value."""
