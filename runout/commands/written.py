@@ -27,18 +27,18 @@ class Written:
     instead: bool = False
 
 
-def require_places(command: Callable[..., Any], given: Mapping[str, Any], out: Path | None) -> None:
+def require_places(command: Callable[..., Any], arguments: Mapping[str, Any], out: Path | None) -> None:
     """Raise ConfigError if the results folder or an option marked :class:`Written` names what cannot be written.
 
-    ``given`` are the arguments of the command by name, ``out`` is the stated results folder.
+    ``arguments`` are the arguments of the command by name, ``out`` is the stated results folder.
     """
-    named = list(_written(command, given))
+    named = list(_written(command, arguments))
     for name, mark, path in named:
         folder = not path.suffix if mark.folder is None else mark.folder
         require_place(name, path, folder=folder)
     if not TRAITS[command].writes or any(mark.instead for _, mark, _ in named):
         return
-    results = _results_of(given.get("site"))
+    results = _results_of(arguments.get("site"))
     if out is not None:
         require_results("--out", out)
     elif results is not None:
@@ -52,12 +52,12 @@ def _results_of(site: Any) -> Path | None:
     return (site if site.is_dir() else site.parent) / "results"
 
 
-def _written(command: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Written, Path]]:
+def _written(command: Callable[..., Any], arguments: Mapping[str, Any]) -> Iterator[tuple[str, Written, Path]]:
     """Name, mark and value of each option of a command that names what it writes."""
     hints = get_type_hints(command, include_extras=True)
     for name, parameter in inspect.signature(command).parameters.items():
         mark = next((part for part in get_args(hints.get(name)) if isinstance(part, Written)), None)
-        value = given.get(name)
+        value = arguments.get(name)
         for path in value if isinstance(value, list) else [value]:
             if mark is not None and isinstance(path, Path):
                 positional = parameter.kind is parameter.POSITIONAL_OR_KEYWORD

@@ -49,13 +49,13 @@ class Document:
 
     def value(self, location: Location) -> Any:
         """The value at a location; None if the file has no such location."""
-        found = self.values
+        value = self.values
         for part in location:
             try:
-                found = found[part]
+                value = value[part]
             except (KeyError, IndexError, TypeError):
                 return None
-        return found
+        return value
 
     def problem(self, location: Location, message: str, fix: str = "") -> Problem:
         """A problem at a location; of one that the command line set it names the option in the place of file and line."""

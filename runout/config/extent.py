@@ -239,8 +239,8 @@ def _least_effective(settings: "SiteSettings", releases: "list[Release]", sample
 
 def _largest(settings: "SiteSettings", name: str) -> float:
     """Largest value of a factor in the members."""
-    stated = [sampled[name].support()[1] for sampled in settings.ensemble.sampled() if name in sampled]
-    return max(stated, default=1.0)
+    largest = [sampled[name].support()[1] for sampled in settings.ensemble.sampled() if name in sampled]
+    return max(largest, default=1.0)
 
 
 def _kept(header: "Header", terrain: "Terrain", reach: np.ndarray, tried: Bounds, angle: float) -> DerivedExtent:

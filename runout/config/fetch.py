@@ -58,9 +58,9 @@ def locate(source: str | RemoteFile, folder: Path) -> str | Path:
 
 def fetch(remote: RemoteFile) -> Path:
     """Path of a checked copy of a public file: in RUNOUT_DATA, else in the cache, else downloaded to the cache."""
-    given = _in_data_folder(remote)
-    if given:
-        return _checked(given, remote, f"remove it, or unset {DATA_FOLDER} to fetch the file")
+    local_copy = _in_data_folder(remote)
+    if local_copy:
+        return _checked(local_copy, remote, f"remove it, or unset {DATA_FOLDER} to fetch the file")
     cached = cached_path(remote)
     if cached.is_file():
         return _checked(cached, remote, "remove it, and it is fetched again")
@@ -69,9 +69,9 @@ def fetch(remote: RemoteFile) -> Path:
 
 def cache_folder() -> Path:
     """Folder of downloaded files: RUNOUT_CACHE, or the cache folder of the platform."""
-    stated = os.environ.get(CACHE_FOLDER)
-    if stated:
-        return Path(stated).expanduser()
+    folder = os.environ.get(CACHE_FOLDER)
+    if folder:
+        return Path(folder).expanduser()
     import pooch
 
     return Path(pooch.os_cache("runout"))
@@ -85,17 +85,17 @@ def cached_path(remote: RemoteFile) -> Path:
 
 def without_fetched_folders(text: str) -> str:
     """A message whose files in RUNOUT_DATA are relative to it, and whose files in the cache have the name that their URL has."""
-    stated = os.environ.get(DATA_FOLDER)
-    if stated:
-        text = without_folder(text, os.path.normpath(Path(stated).expanduser()))
+    folder = os.environ.get(DATA_FOLDER)
+    if folder:
+        text = without_folder(text, os.path.normpath(Path(folder).expanduser()))
     return without_folder(text, str(cache_folder()), "[0-9a-f]{12}-")
 
 
 def _in_data_folder(remote: RemoteFile) -> Path | None:
-    stated = os.environ.get(DATA_FOLDER)
-    if not stated or not remote.path:
+    setting = os.environ.get(DATA_FOLDER)
+    if not setting or not remote.path:
         return None
-    folder = Path(stated).expanduser()
+    folder = Path(setting).expanduser()
     path = Path(os.path.normpath(folder / remote.path))
     if not path.is_relative_to(os.path.normpath(folder)):
         raise InputError(f"{remote.path}: lies outside {DATA_FOLDER}; state a path below that folder")
@@ -107,9 +107,9 @@ def _checked(path: Path, remote: RemoteFile, remedy: str) -> Path:
     if size != remote.size:
         raise InputError(f"{path}: {size} bytes instead of {remote.size}; it is not {remote.url} as stated; {remedy}")
     with open(path, "rb") as file:
-        found = hashlib.file_digest(file, "sha256").hexdigest()
-    if found != remote.sha256:
-        raise InputError(f"{path}: its sha256 is {found} instead of {remote.sha256}; it is not {remote.url} as stated; {remedy}")
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    if digest != remote.sha256:
+        raise InputError(f"{path}: its sha256 is {digest} instead of {remote.sha256}; it is not {remote.url} as stated; {remedy}")
     return path
 
 

@@ -103,9 +103,9 @@ class SiteFriction:
     @property
     def _block(self) -> FrictionSettings:
         """The block of the law; made of the angle where site.yaml states only that."""
-        stated = self.settings.basal_friction
+        block = self.settings.basal_friction
         angle = {ANGLE.removeprefix(PREFIX): self.settings.basal_friction_angle_deg}
-        return stated or BLOCK.settings_of(self.law).model_validate(angle)  # type: ignore[no-any-return]
+        return block or BLOCK.settings_of(self.law).model_validate(angle)  # type: ignore[no-any-return]
 
     def arguments(self, sample: Mapping[str, float]) -> dict[str, Any]:
         """Arguments of :func:`runout.simulate` for a member with sampled parameters."""
@@ -115,31 +115,31 @@ class SiteFriction:
 
     def of_run(self, sample: Mapping[str, float]) -> "BasalFriction | float":
         """Friction of a member under the releases that state none, or its angle [rad]."""
-        found = self.arguments(sample)
-        return found["basal_friction"] if "basal_friction" in found else math.radians(found["basal_friction_angle"])
+        arguments = self.arguments(sample)
+        return arguments["basal_friction"] if "basal_friction" in arguments else math.radians(arguments["basal_friction_angle"])
 
     @property
     def masses(self) -> "dict[str, ReleaseSettings | InflowSettings]":
         """What site.yaml states of releases and inflows, by name."""
-        stated: list[ReleaseSettings | InflowSettings] = [*self.settings.release, *(self.settings.inflow or [])]
-        return {mass.name: mass for mass in stated}
+        masses: list[ReleaseSettings | InflowSettings] = [*self.settings.release, *(self.settings.inflow or [])]
+        return {mass.name: mass for mass in masses}
 
     def under(self, releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
         """The releases or inflows with what site.yaml states and a member samples for each; the rest is that of the site."""
-        stated = self.masses
-        own = [self.own(stated[r.name], sample) if r.name in stated else None for r in releases]
+        masses = self.masses
+        own = [self.own(masses[r.name], sample) if r.name in masses else None for r in releases]
         return [r if friction is None else replace(r, basal_friction=friction) for r, friction in zip(releases, own, strict=True)]
 
     def own(self, release: Any, sample: Mapping[str, float]) -> BasalFriction | None:
         """Friction that a release or inflow of the settings has in a member; None if it is that of the site."""
-        stated, sampled = release.basal_friction, own_sample(sample, release.name)
-        if isinstance(stated, FrictionSettings):
-            return stated.sampled_friction(sampled)
+        block, sampled = release.basal_friction, own_sample(sample, release.name)
+        if isinstance(block, FrictionSettings):
+            return block.sampled_friction(sampled)
         own = {key.removeprefix(PREFIX): value for key, value in sampled.items() if key.startswith(PREFIX)}
         of_site = self.settings.model_dump(include={ANGLE, KEY}, exclude_none=True)
-        if not (stated or own) or not of_site:  # of a file that states no friction yet nothing more can be said
+        if not (block or own) or not of_site:  # of a file that states no friction yet nothing more can be said
             return None
-        return self._block.sampled_friction(sample, {**(stated or {}), **own})
+        return self._block.sampled_friction(sample, {**(block or {}), **own})
 
     def of_releases(self, releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[BasalFriction | float]":
         """Friction under each release of a member, or its angle [rad]."""

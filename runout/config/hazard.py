@@ -51,9 +51,9 @@ class _JointSettings(Settings):
 
     @model_validator(mode="after")
     def _several(self) -> "_JointSettings":
-        stated = list(self.model_dump(exclude_none=True))
-        if len(stated) < 2:
-            said = f"only {stated[0]} has a threshold" if stated else "no quantity has a threshold"
+        thresholds = list(self.model_dump(exclude_none=True))
+        if len(thresholds) < 2:
+            said = f"only {thresholds[0]} has a threshold" if thresholds else "no quantity has a threshold"
             raise refuse(said, f"give two or more of {', '.join(QUANTITIES)}")
         return self
 

@@ -103,8 +103,8 @@ def _own(block: LawBlock[Any]) -> dict[str, Any]:
 
 def _partial(law: Any, block: LawBlock[Any], *, attributes: bool = False) -> dict[str, Any]:
     """Some parameters of a law; with ``attributes`` the name of one may stand for a number."""
-    stated = block.settings_of(law).model_json_schema()["properties"]
-    keys = {key: {k: v for k, v in one.items() if k != "default"} for key, one in stated.items() if key != "law"}
+    properties = block.settings_of(law).model_json_schema()["properties"]
+    keys = {key: {k: v for k, v in one.items() if k != "default"} for key, one in properties.items() if key != "law"}
     if attributes:
         text = {"type": "string"}
         keys = {key: {"description": one.get("description", ""), "anyOf": [one, text]} for key, one in keys.items()}

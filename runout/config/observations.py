@@ -165,11 +165,11 @@ def read_observations(settings: "SiteSettings", file: Path, terrain: "Terrain") 
 def _reaches(settings: ObservationSettings, file: Path, thalweg: "Thalweg", grid: "Grid") -> "Reaches | None":
     from runout.scores.reaches import Reaches
 
-    stated = settings.difference.reaches if settings.difference else None
-    if stated is None or settings.thalweg is None:
+    ends = settings.difference.reaches if settings.difference else None
+    if ends is None or settings.thalweg is None:
         return None
     with stated_at(file, "observations", "difference", "reaches"):
-        return Reaches.of(thalweg, stated, grid)
+        return Reaches.of(thalweg, ends, grid)
 
 
 def _read(name: str, settings: Any, file: Path, terrain: "Terrain") -> Parts:

@@ -6,7 +6,7 @@ from runout.config.schema import SimulationSettings
 from runout.model.limits import spacing_of
 
 
-def on_device(stated: SimulationSettings, device: str) -> SimulationSettings:
+def on_device(settings: SimulationSettings, device: str) -> SimulationSettings:
     """The settings with another device: "cpu", "cuda:N", "cuda" or "auto" (GPUs if there are any, else the CPU).
 
     Raises
@@ -16,13 +16,13 @@ def on_device(stated: SimulationSettings, device: str) -> SimulationSettings:
     """
     from runout.backends.protocol import find_device
 
-    found = find_device(device)
-    place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
-    backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
-    return stated.model_copy(update={"device": place, "backend": backend})
+    first_device = find_device(device)
+    place = "cuda" if device == "cuda" or (device == "auto" and first_device != "cpu") else first_device
+    backend = "hash" if place != "cpu" else "scan" if settings.backend == "hash" else settings.backend
+    return settings.model_copy(update={"device": place, "backend": backend})
 
 
-def with_cell_size(stated: SimulationSettings, cell_size: Sequence[float]) -> SimulationSettings:
+def with_cell_size(settings: SimulationSettings, cell_size: Sequence[float]) -> SimulationSettings:
     """The settings with another grid spacing [m], one number or three; cfl stays as it is stated or set by accuracy.
 
     Raises
@@ -31,4 +31,4 @@ def with_cell_size(stated: SimulationSettings, cell_size: Sequence[float]) -> Si
         If the spacing is out of range.
     """
     east, north, up = spacing_of(tuple(cell_size))  # type: ignore[arg-type]
-    return stated.model_copy(update={"cell_size": east if len(cell_size) == 1 else [east, north, up]})
+    return settings.model_copy(update={"cell_size": east if len(cell_size) == 1 else [east, north, up]})

@@ -41,23 +41,23 @@ def own_ranges(names: Iterable[str]) -> dict[str, Range]:
     return {name + OF_RELEASE + parameter: valid for name in names for parameter, valid in SAMPLED.items()}
 
 
-def ratio_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+def ratio_conflicts(block: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Conflicts between keys of ratios by blocks or zones: key, what is wrong, remedy."""
-    if "block" in given and "polygons" in given:
+    if "block" in block and "polygons" in block:
         yield "", "block and polygons are both given", "give block, or polygons of zones"
-    elif "polygons" in given:
-        yield from zone_conflicts(given)
-    elif "block" not in given:
+    elif "polygons" in block:
+        yield from zone_conflicts(block)
+    elif "block" not in block:
         yield "", "neither block nor polygons is given", "add block: the size [m] of blocks, or polygons: a file of zones"
     else:
         for key in ("ratio", "elsewhere", "layer"):
-            if key in given:
+            if key in block:
                 yield key, "has no meaning without polygons", "remove it, or give polygons of zones in the place of block"
-        missing = [end for end in ("low", "high") if end not in given]
+        missing = [end for end in ("low", "high") if end not in block]
         if missing:
             yield missing[0], "required key is missing", "give low and high, between which the ratio of each block is drawn"
         else:
-            yield from end_conflicts(given)
+            yield from end_conflicts(block)
 
 
 class RatioSettings(Settings):
@@ -131,8 +131,8 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
     if isinstance(ratio, RatioSettings) and ratio.polygons is not None:
         from runout.terrain.wet_zones import read_ratio_zones
 
-        stated = ratio.model_dump(include={"ratio", *ENDS, "layer"})
-        ratio = read_ratio_zones(Path(locate(ratio.polygons, file.parent)), terrain, **stated)
+        arguments = ratio.model_dump(include={"ratio", *ENDS, "layer"})
+        ratio = read_ratio_zones(Path(locate(ratio.polygons, file.parent)), terrain, **arguments)
         changes = ratio.changes
     elif isinstance(ratio, RatioSettings):
         ratio = RatioBlocks(**ratio.model_dump(include={"low", "high", "block"}))
@@ -169,8 +169,8 @@ def _with_sample(pore: "PorePressure", sample: Mapping[str, float]) -> "PorePres
 def _sampled_ends(ratio: Any, sample: Mapping[str, float]) -> dict[str, float]:
     """Sampled numbers of ratios by blocks or zones, of those that they state."""
     keys = {end: f"{PREFIX}ratio_{end}" for end in ENDS} | ({"ratio": f"{PREFIX}ratio"} if hasattr(ratio, "zone") else {})
-    stated = {name: key for name, key in keys.items() if isinstance(getattr(ratio, name, None), float)}
-    return {name: sample[key] for name, key in stated.items() if key in sample}
+    keys_of_numbers = {name: key for name, key in keys.items() if isinstance(getattr(ratio, name, None), float)}
+    return {name: sample[key] for name, key in keys_of_numbers.items() if key in sample}
 
 
 def unused_samples(releases: Sequence[Mapping[str, Any]], sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

@@ -78,7 +78,7 @@ def read_probes(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Pr
     choices = probes.model_dump(include={"points_layer", "cross_sections_layer", "interval"})
     points, cross_sections = _path(probes.points, file), _path(probes.cross_sections, file)
     try:
-        return probe_layers.read_probes(terrain, points, cross_sections, stated=_listed(probes), **choices)
+        return probe_layers.read_probes(terrain, points, cross_sections, site_points=_listed(probes), **choices)
     except ConfigError as error:
         document = read_document(file) if file.is_file() else Document(file.name)
         raise ConfigError([_placed(problem, probes, file, document) for problem in error.problems]) from None
@@ -146,9 +146,9 @@ def probe_settings(
     if problems:
         raise ConfigError(problems)
     named = {"points": points, "cross_sections": cross_sections}
-    given = {key: _named(path, folder) for key, path in named.items() if path is not None}
+    files = {key: _named(path, folder) for key, path in named.items() if path is not None}
     layers = {"points_layer": points_layer, "cross_sections_layer": cross_sections_layer}
-    return ProbeSettings(**given, **layers, interval=interval)  # type: ignore[arg-type]
+    return ProbeSettings(**files, **layers, interval=interval)  # type: ignore[arg-type]
 
 
 def _named(path: Path, folder: Path) -> str:

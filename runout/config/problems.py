@@ -45,8 +45,8 @@ SHAPES = {"<text>": "text", "<list>": "a list", "<block>": "a block {key: value,
 
 def problems_of(error: ValidationError, document: Document, whole: type[BaseModel] = SiteSettings) -> list[Problem]:
     """The problems behind a validation error of the model of a ``whole`` file, in the order of the file."""
-    found = [_problem(details, document, whole) for details in error.errors(include_url=False)]
-    return sorted(found, key=lambda p: p.line or 0)
+    problems = [_problem(details, document, whole) for details in error.errors(include_url=False)]
+    return sorted(problems, key=lambda p: p.line or 0)
 
 
 def _problem(details: Mapping[str, Any], document: Document, whole: type[BaseModel]) -> Problem:
@@ -183,7 +183,7 @@ def _is_list(annotation: Any) -> bool:
 def _blocks_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """Models of the keys of a model that are blocks or lists of blocks."""
     inner = {key: inner_model(field.annotation) for key, field in model.model_fields.items()}
-    return {key: found for key, found in inner.items() if found}
+    return {key: block for key, block in inner.items() if block}
 
 
 def _laws_with(word: str, model: type[BaseModel]) -> list[str]:
@@ -248,9 +248,9 @@ def _wrong_value(kind: str, context: Mapping[str, Any], value: Any, text: str, f
 
 
 def _out_of_range(context: Mapping[str, Any], value: Any, unit: str, field: FieldInfo | None) -> str:
-    stated = {b: getattr(m, b) for m in (field.metadata if field else []) for b in BOUNDS if getattr(m, b, None) is not None}
-    stated |= {b: context[b] for b in BOUNDS if b in context}
-    range_ = " and ".join(f"{BOUNDS[b]} {stated[b]:g}" for b in BOUNDS if b in stated)
+    bounds = {b: getattr(m, b) for m in (field.metadata if field else []) for b in BOUNDS if getattr(m, b, None) is not None}
+    bounds |= {b: context[b] for b in BOUNDS if b in context}
+    range_ = " and ".join(f"{BOUNDS[b]} {bounds[b]:g}" for b in BOUNDS if b in bounds)
     suffix = f" {unit}" if unit else ""
     digits = next(n for n in (6, 9, 17) if n == 17 or float(f"{value:.{n}g}") == value)  # no value reads as a bound that it passes
     return f"{value:.{digits}g}{suffix} is out of range; it must be {range_}{suffix}"

@@ -150,8 +150,8 @@ def processes() -> dict[str, Process]:
     """All processes by their names."""
     from ruamel.yaml import YAML
 
-    stated = YAML(typ="safe", pure=True).load(files("runout.config").joinpath(FILE).read_text(encoding="utf-8"))
-    return {name: _made(name, **block) for name, block in stated.items()}
+    content = YAML(typ="safe", pure=True).load(files("runout.config").joinpath(FILE).read_text(encoding="utf-8"))
+    return {name: _made(name, **block) for name, block in content.items()}
 
 
 def _made(name: str, title: str, law: str, compared: list[str], others: Any = (), **own: Any) -> Process:

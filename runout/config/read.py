@@ -166,8 +166,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
 def _sampled_blocks(document: Document) -> list[tuple[Location, dict[str, Any]]]:
     """Parameters that the ensemble and each of its scenarios sample, as they are stated, with their places."""
     places: list[Location] = [("ensemble",), *(("ensemble", "scenarios", i) for i in range(len(_scenarios(document))))]
-    stated = [((*place, "parameters"), with_fixed(document.value((*place, "parameters")))) for place in places]
-    return [(place, block) for place, block in stated if isinstance(block, dict)]
+    blocks = [((*place, "parameters"), with_fixed(document.value((*place, "parameters")))) for place in places]
+    return [(place, block) for place, block in blocks if isinstance(block, dict)]
 
 
 def _scenarios(document: Document) -> list[dict[str, Any]]:
@@ -275,11 +275,11 @@ def _problems(document: Document, place: Location, conflicts: Iterable[tuple[str
         yield document.problem((*place, key) if key else place, message, fix)
 
 
-def _rasters_of_law(document: Document, stated: dict[str, Any]) -> Iterator[Problem]:
+def _rasters_of_law(document: Document, rasters: dict[str, Any]) -> Iterator[Problem]:
     """Rasters of parameters that the law of friction does not have."""
     law = stated_law(document.values)
-    keys = [p.key for p in law.parameters] if law else list(stated)
-    for key in stated:
+    keys = [p.key for p in law.parameters] if law else list(rasters)
+    for key in rasters:
         if key not in keys:
             message = f"the friction law {law.name if law else ''} has no such parameter"
             yield document.problem(("terrain", "friction_rasters", key), message, choice_fix(key, keys))
@@ -296,18 +296,18 @@ def _zone_of_laws(document: Document, place: Location, zone: dict[str, Any]) -> 
             return
 
 
-def _own_friction(document: Document, place: Location, given: dict[str, Any], sampled: dict[str, Any]) -> Iterator[Problem]:
+def _own_friction(document: Document, place: Location, block_of_mass: dict[str, Any], sampled: dict[str, Any]) -> Iterator[Problem]:
     """Friction of a release or a zone that the law of the site does not have; what the ensemble samples too, also of a material."""
     law = stated_law(document.values)
-    if ANGLE in given and law and ANGLE not in sampled_ranges(law):
+    if ANGLE in block_of_mass and law and ANGLE not in sampled_ranges(law):
         names = ", ".join(p.key for p in law.parameters)
         message = f"the friction law {law.name} has no friction angle"
         other = f", or {KEY}: {{law: {DEFAULT_FRICTION}, friction_angle_deg: ...}}" if place[0] == "release" else ""
         yield document.problem((*place, ANGLE), message, f"write {KEY}: {{...}} with parameters of that law: {names}{other}")
-    if ANGLE in given and ANGLE in sampled:
+    if ANGLE in block_of_mass and ANGLE in sampled:
         yield document.problem((*place, ANGLE), "the ensemble samples this angle too", "remove one of the two")
     for block, prefix in ((KEY, PREFIX), ("material", "")):
-        own = given.get(block)
+        own = block_of_mass.get(block)
         for key in own if isinstance(own, dict) and not names_law(own) else ():
             if f"{prefix}{key}" in sampled:
                 yield document.problem((*place, block, key), "the ensemble samples this parameter too", "remove one of the two")
@@ -320,8 +320,8 @@ def _overlays(document: Document, key: str) -> list[dict[str, Any]]:
 
 def _blocks(document: Document, place: Location) -> list[dict[str, Any]]:
     """Entries of a list; one that is not a block becomes an empty one."""
-    stated = document.value(place)
-    return [part if isinstance(part, dict) else {} for part in stated] if isinstance(stated, list) else []
+    entries = document.value(place)
+    return [part if isinstance(part, dict) else {} for part in entries] if isinstance(entries, list) else []
 
 
 def _unusable_files(document: Document, folder: Path) -> Iterator[Problem]:
@@ -355,13 +355,13 @@ def _relative(path: Path, folder: Path) -> str:
 
 def _coordinate_system(document: Document) -> Iterator[Problem]:
     for place in (("terrain", "crs"), *(("structures", i, "crs") for i in range(len(_blocks(document, ("structures",)))))):
-        stated: Any = document.value(place)
-        if isinstance(stated, str):
-            yield from _unknown_system(document, place, stated)
+        text: Any = document.value(place)
+        if isinstance(text, str):
+            yield from _unknown_system(document, place, text)
 
 
-def _unknown_system(document: Document, place: Location, stated: str) -> Iterator[Problem]:
-    named = file_named_by(stated)
+def _unknown_system(document: Document, place: Location, text: str) -> Iterator[Problem]:
+    named = file_named_by(text)
     if named:
         yield document.problem(place, f"names the file {named!r}, which is not read", "write a code, for example EPSG:32632")
         return
@@ -369,7 +369,7 @@ def _unknown_system(document: Document, place: Location, stated: str) -> Iterato
     from pyproj.exceptions import CRSError
 
     try:
-        CRS.from_user_input(stated)
+        CRS.from_user_input(text)
     except CRSError:
-        message = f"{stated!r} is not a coordinate reference system"
+        message = f"{text!r} is not a coordinate reference system"
         yield document.problem(place, message, "write its code, for example EPSG:32632")

@@ -56,7 +56,7 @@ def stated_laws(site: Any) -> dict[str, Laws]:
     """The same of a site.yaml as it is stated; None for a law that is not known."""
     site = site if isinstance(site, dict) else {}
     of_site = (material.known_law(site.get(MATERIAL)), stated_law(site))
-    found: dict[str, Laws] = {}
+    laws_by_name: dict[str, Laws] = {}
     masses = (mass for key in ("release", "inflow") if isinstance(site.get(key), list) for mass in site[key])
     for release in masses:
         if isinstance(release, dict):
@@ -64,8 +64,8 @@ def stated_laws(site: Any) -> dict[str, Laws]:
             blocks: tuple[Any, Any] = material.BLOCK, FRICTION_BLOCK
             pairs = zip(own, of_site, blocks, strict=True)
             laws: list[Any] = [block.known_law(one) if names_law(one) else law for one, law, block in pairs]
-            found[str(release.get("name", "release"))] = (laws[0], laws[1])
-    return found
+            laws_by_name[str(release.get("name", "release"))] = (laws[0], laws[1])
+    return laws_by_name
 
 
 def names_law(block: Any) -> bool:
@@ -75,12 +75,12 @@ def names_law(block: Any) -> bool:
 
 def own_ranges(laws: Mapping[str, Laws]) -> dict[str, Range]:
     """Range of each parameter that an ensemble may sample for one release, by its key ``RELEASE.parameter``."""
-    found: dict[str, Range] = {}
+    ranges_by_key: dict[str, Range] = {}
     for name, (of_material, of_friction) in laws.items():
         ranges = sampled_in(of_material.parameters) if of_material else {}
         ranges |= friction_ranges(of_friction) if of_friction else {}
-        found |= {name + OF_RELEASE + key: valid for key, valid in ranges.items()}
-    return found | pore_pressure.own_ranges(laws)
+        ranges_by_key |= {name + OF_RELEASE + key: valid for key, valid in ranges.items()}
+    return ranges_by_key | pore_pressure.own_ranges(laws)
 
 
 def unknown_own(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -126,9 +126,9 @@ class OwnLaws:
             If parameters of a member make no material or friction.
         """
         friction = SiteFriction(self.settings)
-        stated, made = friction.masses, []
+        masses, made = friction.masses, []
         for release in friction.under(releases, sample):
-            own = self.material_of(stated[release.name], sample) if release.name in stated else None
+            own = self.material_of(masses[release.name], sample) if release.name in masses else None
             made.append(release if own is None else replace(release, material=own))
         return made
 

@@ -119,8 +119,8 @@ def _with_sample(release: "Release", sample: Mapping[str, float]) -> "Release":
     if (key := key_of(release.name, TIME)) in sample:
         changes[TIME] = sample[key]
     if (key := key_of(release.name, SPEED)) in sample:
-        stated = release.velocity if isinstance(release.velocity, StartVelocity) else StartVelocity(0.0)
-        changes[VELOCITY] = replace(stated, speed=sample[key])
+        velocity = release.velocity if isinstance(release.velocity, StartVelocity) else StartVelocity(0.0)
+        changes[VELOCITY] = replace(velocity, speed=sample[key])
     return replace(release, **changes) if changes else release
 
 
@@ -162,8 +162,8 @@ def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[
 
 
 def _releases(site: Any) -> list[dict[str, Any]]:
-    stated = site.get("release") if isinstance(site, dict) else None
-    return [r if isinstance(r, dict) else {} for r in stated] if isinstance(stated, list) else []
+    entries = site.get("release") if isinstance(site, dict) else None
+    return [r if isinstance(r, dict) else {} for r in entries] if isinstance(entries, list) else []
 
 
 def _largest(distribution: Any) -> float:

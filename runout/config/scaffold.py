@@ -269,9 +269,9 @@ def _with_processes(text: str) -> str:
 
 def _offered(other: Variant) -> Iterator[str]:
     """Comment lines of another law or an added part: its settings, and the distributions that fit them."""
-    stated = other.applied({})
-    sampled = stated.pop("ensemble")["parameters"]
-    yield from _wrapped(f"Or, with {'; '.join(f'{key}: {_flow(value)}' for key, value in stated.items())}:", "    ")
+    settings = other.applied({})
+    sampled = settings.pop("ensemble")["parameters"]
+    yield from _wrapped(f"Or, with {'; '.join(f'{key}: {_flow(value)}' for key, value in settings.items())}:", "    ")
     for r in other.ranges:
         yield from _wrapped(r.words(), "    ")
         if r.key in sampled:

@@ -56,36 +56,36 @@ NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 ZoneFriction = Annotated[dict[str, float | str], BeforeValidator(own_friction(attributes=True))]
 
 
-def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+def zone_conflicts(block: Mapping[str, Any]) -> Iterator["Conflict"]:
     """Conflicts between keys of a friction zone."""
-    stated = [key for key in ("factor", ANGLE, KEY) if key in given]
-    if len(stated) != 1:
-        said = f"{stated[0]} and {stated[1]} are both given" if stated else f"none of factor, {ANGLE} and {KEY} is given"
+    keys = [key for key in ("factor", ANGLE, KEY) if key in block]
+    if len(keys) != 1:
+        said = f"{keys[0]} and {keys[1]} are both given" if keys else f"none of factor, {ANGLE} and {KEY} is given"
         yield "", said, f"give one of them: factor multiplies the friction of the mass, {ANGLE} or {KEY} replaces it"
 
 
-def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+def friction_conflicts(block: Mapping[str, Any]) -> Iterator["Conflict"]:
     """No basal friction, or two of them."""
-    if {ANGLE, KEY} <= given.keys():
+    if {ANGLE, KEY} <= block.keys():
         yield KEY, f"{ANGLE} is given too", "remove one of the two"
-    elif not {ANGLE, KEY} & given.keys():
+    elif not {ANGLE, KEY} & block.keys():
         yield ANGLE, "required key is missing", f"add it: friction angle of the mass on the ground [deg]; or {KEY}: {{law: ...}}"
 
 
-def mass_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+def mass_conflicts(block: Mapping[str, Any]) -> Iterator["Conflict"]:
     """Neither a release nor an inflow."""
-    if not given.get("release") and not given.get("inflow"):
-        message = "the list is empty" if "release" in given else "required key is missing"
+    if not block.get("release") and not block.get("inflow"):
+        message = "the list is empty" if "release" in block else "required key is missing"
         yield "release", message, "add it: a list of the masses that start to move; or inflow: [{line: ..., hydrograph: ...}]"
 
 
-def terrain_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+def terrain_conflicts(block: Mapping[str, Any]) -> Iterator["Conflict"]:
     """A key that only a mesh has beside a raster, or a mesh without its cells."""
-    dem, key = given.get("dem"), "overhang_friction_angle_deg"
+    dem, key = block.get("dem"), "overhang_friction_angle_deg"
     is_mesh = isinstance(dem, str) and dem.lower().endswith(SURFACES)
-    if is_mesh and "resolution" not in given:
+    if is_mesh and "resolution" not in block:
         yield "resolution", "required key is missing for a mesh", "add resolution: the size of the cells that are made of it [m]"
-    if key in given and not is_mesh:
+    if key in block and not is_mesh:
         yield key, "has no meaning with a raster, which has no overhangs", "remove it, or give a mesh (OBJ, PLY, STL)"
 
 
@@ -193,32 +193,32 @@ class TerrainSettings(Settings):
 Conflict = tuple[str, str, str]  # key, what is wrong, remedy
 
 
-def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
+def release_conflicts(block: Mapping[str, Any]) -> Iterator[Conflict]:
     """Conflicts between keys of a release."""
-    polygons, raster = "polygons" in given, "raster" in given
+    polygons, raster = "polygons" in block, "raster" in block
     if polygons == raster:
         yield "", "polygons and raster are both given" if polygons else "neither polygons nor raster is given", "give one of them"
-    elif polygons and not {"thickness", "volume"} & given.keys():
+    elif polygons and not {"thickness", "volume"} & block.keys():
         yield "", "polygons without thickness and volume", "add thickness: [m] or volume: [m3]"
-    elif unused := {"thickness", "edge", "layer"} & given.keys() if raster else {"sign"} & given.keys():
+    elif unused := {"thickness", "edge", "layer"} & block.keys() if raster else {"sign"} & block.keys():
         for key in sorted(unused):
             yield key, f"has no meaning with {'a raster' if raster else 'polygons'}", "remove it"
-    if {ANGLE, KEY} <= given.keys():
+    if {ANGLE, KEY} <= block.keys():
         yield KEY, f"{ANGLE} is given too", "remove one of the two"
 
 
-def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
+def device_conflicts(block: Mapping[str, Any]) -> Iterator[Conflict]:
     """Conflicts of device with the backend."""
-    device, backend = given.get("device", "cpu"), given.get("backend", "scan")
+    device, backend = block.get("device", "cpu"), block.get("backend", "scan")
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
 
 
-def accuracy_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
+def accuracy_conflicts(block: Mapping[str, Any]) -> Iterator[Conflict]:
     """Conflicts of accuracy with cell_size and cfl."""
-    if "accuracy" not in given and "cell_size" not in given:
+    if "accuracy" not in block and "cell_size" not in block:
         yield "", "neither cell_size nor accuracy is given", "add cell_size: [m], or accuracy: standard"
-    elif "accuracy" in given and given.keys() >= set(CHOICES):
+    elif "accuracy" in block and block.keys() >= set(CHOICES):
         yield "accuracy", f"{' and '.join(CHOICES)} are both given, so accuracy has no effect", "remove it, or one of them"
 
 
@@ -345,13 +345,13 @@ class SimulationSettings(Settings):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _preset(cls, stated: Any, validated: Callable[[Any], "SimulationSettings"]) -> "SimulationSettings":
+    def _preset(cls, block: Any, validated: Callable[[Any], "SimulationSettings"]) -> "SimulationSettings":
         """Take cfl from the preset unless it is stated; unknown keys are told before what is missing."""
-        if not isinstance(stated, dict):
-            return validated(stated)
-        chosen = PRESETS.get(stated["accuracy"]) if isinstance(stated.get("accuracy"), str) else None
-        made = validated(stated if chosen is None else {"cfl": chosen.cfl, **stated})
-        _raise_first(accuracy_conflicts({key: value for key, value in stated.items() if value is not None}))
+        if not isinstance(block, dict):
+            return validated(block)
+        chosen = PRESETS.get(block["accuracy"]) if isinstance(block.get("accuracy"), str) else None
+        made = validated(block if chosen is None else {"cfl": chosen.cfl, **block})
+        _raise_first(accuracy_conflicts({key: value for key, value in block.items() if value is not None}))
         return made
 
     @model_validator(mode="after")

@@ -223,17 +223,17 @@ def names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
-def is_file(stated: Any) -> bool:
+def is_file(name: Any) -> bool:
     """Whether a scheme is stated as a file, and not by the name of one of runout."""
-    return not isinstance(stated, str) or stated.endswith((".yaml", ".yml"))
+    return not isinstance(name, str) or name.endswith((".yaml", ".yml"))
 
 
-def path_of(stated: str, folder: Path = FOLDER) -> Path:
+def path_of(name: str, folder: Path = FOLDER) -> Path:
     """File of a scheme: one of runout by its name, or one whose path is relative to a folder."""
-    return folder / stated if is_file(stated) else FOLDER / f"{stated}.yaml"
+    return folder / name if is_file(name) else FOLDER / f"{name}.yaml"
 
 
-def read_scheme(stated: str, folder: Path = FOLDER) -> DangerScheme:
+def read_scheme(name: str, folder: Path = FOLDER) -> DangerScheme:
     """The scheme of a name or of a file, whose path is relative to ``folder``.
 
     Raises
@@ -241,9 +241,9 @@ def read_scheme(stated: str, folder: Path = FOLDER) -> DangerScheme:
     ConfigError
         With all problems of the file.
     """
-    path = path_of(stated, folder)
-    if not is_file(stated) and stated not in names():
-        raise ConfigError([Problem("site.yaml", None, "hazard.scheme", *unknown(stated))])
+    path = path_of(name, folder)
+    if not is_file(name) and name not in names():
+        raise ConfigError([Problem("site.yaml", None, "hazard.scheme", *unknown(name))])
     if not path.is_file():
         raise ConfigError(f"{path}: there is no such scheme")
     document = read_document(path)
@@ -261,39 +261,39 @@ def read_scheme(stated: str, folder: Path = FOLDER) -> DangerScheme:
     return scheme
 
 
-def unknown(stated: str) -> tuple[str, str]:
+def unknown(name: str) -> tuple[str, str]:
     """Message and remedy for a name that no scheme of runout has."""
-    fix = choice_fix(stated, names())
-    return f"{stated!r} is no scheme of runout", f"{fix}, or name a file that ends with .yaml"
+    fix = choice_fix(name, names())
+    return f"{name!r} is no scheme of runout", f"{fix}, or name a file that ends with .yaml"
 
 
 def site_problems(document: Document, folder: Path) -> Iterator[Problem]:
     """Problems of the scheme that a site.yaml names: of its name, of its file, and what it needs of the site."""
     place: Location = ("hazard", "scheme")
-    stated = document.value(place)
-    if not isinstance(stated, str) or (is_file(stated) and not path_of(stated, folder).is_file()):
+    name = document.value(place)
+    if not isinstance(name, str) or (is_file(name) and not path_of(name, folder).is_file()):
         return
-    if not is_file(stated) and stated not in names():
-        yield document.problem(place, *unknown(stated))
+    if not is_file(name) and name not in names():
+        yield document.problem(place, *unknown(name))
         return
     if not any(document.value(("ensemble", key)) for key in ("scenarios", "table")):
         message = "levels of danger need annual rates, and the fraction of an ensemble is not an annual probability"
         yield document.problem(place, message, "state ensemble.scenarios with return_period or annual_rate, or remove the scheme")
     try:
-        scheme = read_scheme(stated, folder)
+        scheme = read_scheme(name, folder)
     except ConfigError as error:
         yield from error.problems
         return
-    yield from _unmet(document, place, stated, scheme)
+    yield from _unmet(document, place, name, scheme)
 
 
-def _unmet(document: Document, place: Location, stated: str, scheme: DangerScheme) -> Iterator[Problem]:
+def _unmet(document: Document, place: Location, name: str, scheme: DangerScheme) -> Iterator[Problem]:
     """What a scheme needs that nobody states."""
     missing = [key for key in ("presence", "vulnerability") if scheme.risk and getattr(scheme.risk, key) is None]
     if missing:
-        fix = f"copy the scheme (`runout schemes {stated} > mine.yaml`) and state {' and '.join(f'risk.{key}' for key in missing)}"
+        fix = f"copy the scheme (`runout schemes {name} > mine.yaml`) and state {' and '.join(f'risk.{key}' for key in missing)}"
         message = f"{scheme.title}: runout does not know {' and '.join(missing)} of the person most at risk"
-        yield document.problem(place, message, f"state risk.{missing[0]} in it" if is_file(stated) else fix)
+        yield document.problem(place, message, f"state risk.{missing[0]} in it" if is_file(name) else fix)
     if not document.value(("bed",)):
         for one in scheme.classes:
             if all(criterion.thresholds.keys() & BED_QUANTITIES.keys() for criterion in one.when):

@@ -87,7 +87,7 @@ def _parts(document: Document, key: str) -> list[str]:
     """Parts of a dotted key. RELEASE.PARAMETER is one key of the sampled parameters."""
     parts = key.replace("[", ".").replace("]", "").split(".")
     lists = {key: document.value((key,)) for key in ("release", "inflow")}
-    names = [e.get("name", k) for k, stated in lists.items() if isinstance(stated, list) for e in stated if isinstance(e, dict)]
+    names = [e.get("name", k) for k, entries in lists.items() if isinstance(entries, list) for e in entries if isinstance(e, dict)]
     if tuple(parts[:2]) == SAMPLED and len(parts) > 3 and parts[2] in names:
         parts[2:4] = [".".join(parts[2:4])]
     return parts

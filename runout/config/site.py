@@ -208,11 +208,11 @@ class Site:
             content["material"]["source"] = law.source
         if self.friction.law.source:
             content["basal_friction"]["source"] = self.friction.law.source
-        for stated, laws in zip([*content["release"], *content.get("inflow", ())], laws_of(self.settings).values(), strict=True):
+        for mass, laws in zip([*content["release"], *content.get("inflow", ())], laws_of(self.settings).values(), strict=True):
             sources = {"material": laws[0].source, "basal_friction": laws[1].source}
             for key, source in sources.items():
-                if source and "law" in stated.get(key, {}):
-                    stated[key]["source"] = source
+                if source and "law" in mass.get(key, {}):
+                    mass[key]["source"] = source
         if self.settings.bed and (source := EROSIONS.find(content["bed"]["erosion"]["law"]).source):
             content["bed"]["erosion"]["source"] = source
         for structure in content.get("structures", ()):

@@ -23,7 +23,7 @@ def _soil(name: str) -> Any:
     number: Any = Annotated[float, _bounds(name), Tag("<number>")]
     if valid.degrees:
         number = Annotated[float, _bounds(name), AfterValidator(plausible_degrees), Tag("<number>")]
-    several: Any = Annotated[Distribution, AfterValidator(lambda stated: within_range(valid, stated)), Tag("<block>")]
+    several: Any = Annotated[Distribution, AfterValidator(lambda distribution: within_range(valid, distribution)), Tag("<block>")]
     return Annotated[number | several, Discriminator(shape)]
 
 

@@ -57,8 +57,8 @@ def stated_at(file: Path, *place: str | int | Callable[[], int]) -> Iterator[Non
     except InputError as error:
         if str(error).startswith(f"{file.name}:"):  # it is placed already, more closely
             raise
-        found = tuple(part() if callable(part) else part for part in place)
-        error.args = (f"{stated_place(file, *found)}: {within_site(str(error), file.parent)}",)
+        location = tuple(part() if callable(part) else part for part in place)
+        error.args = (f"{stated_place(file, *location)}: {within_site(str(error), file.parent)}",)
         raise
 
 

@@ -39,23 +39,23 @@ def repeated_structures(blocks: Sequence[Mapping[str, Any]]) -> Iterator[tuple[i
             yield number, first
 
 
-def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+def structure_conflicts(block: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Conflicts between keys of a structure: key, what is wrong, remedy."""
-    file = given.get("file")
+    file = block.get("file")
     if not isinstance(file, str) or not file:
         return
     reader = reader_of(file)
     if reader.is_refused:
         yield "file", other_meshes.FAULT.format(PurePath(file)), other_meshes.REMEDY
     for key in reader.foreign_keys():
-        if key in given:
+        if key in block:
             yield key, f"has no meaning with {reader.kind} ({file})", "remove it"
-    if reader.has_units and "units" not in given:
+    if reader.has_units and "units" not in block:
         yield "units", f"required key is missing for {reader.kind}", "add units: m, cm, mm or ft"
-    if "protects_layer" in given and "protects" not in given:
+    if "protects_layer" in block and "protects" not in block:
         yield "protects_layer", "has no meaning without protects", "add protects, or remove it"
-    if not (reader.has_attributes or reader.is_refused) and isinstance(given.get("clearance"), str):
-        yield "clearance", f"{given['clearance']!r} is no number, and {reader.kind} has no attributes", "give a number in m"
+    if not (reader.has_attributes or reader.is_refused) and isinstance(block.get("clearance"), str):
+        yield "clearance", f"{block['clearance']!r} is no number, and {reader.kind} has no attributes", "give a number in m"
 
 
 class StructureSettings(Settings):

@@ -21,7 +21,7 @@ NAMES = (  # lower case, without accents and signs; includes those of AvaFrame a
 LONGEST = 10  # longest name of an attribute in a shapefile
 
 
-def thickness_of(path: Path, table: Any, stated: str | None = None) -> float | str:
+def thickness_of(path: Path, table: Any, choice: str | None = None) -> float | str:
     """Thickness of release polygons for a new site.yaml: name of an attribute or a number [m]. The choice is logged.
 
     Parameters
@@ -38,8 +38,8 @@ def thickness_of(path: Path, table: Any, stated: str | None = None) -> float | s
     InputError
         If there is no such attribute, or there are several that may be the thickness.
     """
-    if stated is not None:
-        return _stated(path, table, stated)
+    if choice is not None:
+        return _stated(path, table, choice)
     named = [name for name in table.columns if _is_thickness(str(name))]
     usable = [name for name in named if _usable(table[name])]
     for name in named:
@@ -57,21 +57,21 @@ def thickness_of(path: Path, table: Any, stated: str | None = None) -> float | s
             f"{path}: {len(usable)} attributes may hold the thickness: {', '.join(map(repr, usable))}; name the one that does, for "
             f"example --thickness {usable[0]}, or give a number in m"
         )
-    found = "thickness" if "thickness" in usable else str(usable[0])
-    values = table[found].astype(float)
-    LOGGER.info("%s: thickness from the attribute %r, %g to %g m", path, found, values.min(), values.max())
-    return found
+    attribute = "thickness" if "thickness" in usable else str(usable[0])
+    values = table[attribute].astype(float)
+    LOGGER.info("%s: thickness from the attribute %r, %g to %g m", path, attribute, values.min(), values.max())
+    return attribute
 
 
-def _stated(path: Path, table: Any, stated: str) -> float | str:
-    if stated in table:
-        return stated
+def _stated(path: Path, table: Any, choice: str) -> float | str:
+    if choice in table:
+        return choice
     valid = LIMITS["thickness"]
     try:
-        number = float(stated)
+        number = float(choice)
     except ValueError:
         known = ", ".join(map(repr, table.columns)) or "none"
-        raise InputError(f"{path}: no attribute {stated!r} for the thickness; attributes: {known}; or give a number in m") from None
+        raise InputError(f"{path}: no attribute {choice!r} for the thickness; attributes: {known}; or give a number in m") from None
     if not valid.holds(number):
         raise InputError(f"thickness is {number:g} m; {valid.allowed()}; {valid.hint}")
     return number

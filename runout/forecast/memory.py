@@ -43,7 +43,7 @@ class Extent:
     """
 
     particles: int
-    held: int
+    occupied: int
     owners: int
     nodes: int
     nodes_on_device: int
@@ -134,7 +134,7 @@ def expected_memory(
         sizes = extent.particles, extent.nodes_on_device
         backend = bytes_on_device(*sizes, precision, field, friction, extent.mixed, scheme.substeps)
         return MemoryForecast(backend + pore_bytes(extent, precision), host, True)
-    counts = extent.particles, extent.held, extent.owners, extent.nodes
+    counts = extent.particles, extent.occupied, extent.owners, extent.nodes
     backend = host_bytes(*counts, precision, friction)
     more = (structure_bytes(field, extent, precision) if field else 0) + pore_bytes(extent, precision)
     return MemoryForecast(backend + more, host)

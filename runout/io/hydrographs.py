@@ -58,11 +58,11 @@ def _problem(source: Path, line: int | None, key: str, message: str, fix: str) -
 
 def _placed(source: Path, message: str) -> Problem:
     """A problem from a message of :func:`hydrograph_problems`, whose rows are called ``@line``."""
-    found = re.match(r"@(\d+): (\w+) is (.*?); (.*)", message, re.DOTALL)
-    if not found:
+    parts = re.match(r"@(\d+): (\w+) is (.*?); (.*)", message, re.DOTALL)
+    if not parts:
         text, _, fix = message.partition("; ")
         return _problem(source, None, "", text, fix)
-    line, column, value, fix = found.groups()
+    line, column, value, fix = parts.groups()
     return _problem(source, int(line), column, f"is {value}", fix)
 
 
@@ -88,17 +88,17 @@ def _header(source: Path, line: int, text: str) -> tuple[dict[str, int], list[Pr
         places.setdefault(name, place)
     missing = [name for name in REQUIRED if name not in places]
     if missing:
-        stated = ", ".join(cell.strip() for cell in cells)[:80]
+        header = ", ".join(cell.strip() for cell in cells)[:80]
         wanted = "write a header time,discharge (and velocity) in the first line"
-        said = f"there is no column {' and no column '.join(missing)} among {stated!r}"
+        said = f"there is no column {' and no column '.join(missing)} among {header!r}"
         problems.append(_problem(source, line, "", said, wanted))
     return places, problems
 
 
 def _name_and_unit(cell: str) -> tuple[str, str]:
     """Name of a column in lower case, and the unit in its brackets."""
-    found = re.fullmatch(r"\s*([^\[(]*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*", cell)
-    return (found[1].lower(), (found[2] or "").lower()) if found else (cell.strip().lower(), "")
+    parts = re.fullmatch(r"\s*([^\[(]*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*", cell)
+    return (parts[1].lower(), (parts[2] or "").lower()) if parts else (cell.strip().lower(), "")
 
 
 def _number(source: Path, line: int, name: str, cells: list[str], place: int, problems: list[Problem]) -> float:

@@ -287,9 +287,9 @@ def _encode_map(array: "xr.DataArray", has_crs: bool) -> None:
     if array.ndim == 0 or array.dtype.kind not in "fiu":
         return
     is_map = array.dims[-2:] == MAP_DIMS
-    ahead = (1,) * (array.ndim - 2) if is_map else ()
-    sizes = array.shape[len(ahead) :]
-    encoding |= {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": ahead + tuple(max(1, min(CHUNK, n)) for n in sizes)}
+    leading = (1,) * (array.ndim - 2) if is_map else ()
+    sizes = array.shape[len(leading) :]
+    encoding |= {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": leading + tuple(max(1, min(CHUNK, n)) for n in sizes)}
     if is_map and has_crs:
         array.attrs.pop("grid_mapping", None)
         encoding["grid_mapping"] = "crs"

@@ -28,13 +28,13 @@ def read_probes(
     points_layer: str | None = None,
     cross_sections_layer: str | None = None,
     interval: float | None = None,
-    stated: tuple[Probe, ...] = (),
+    site_points: tuple[Probe, ...] = (),
 ) -> Probes:
     """Probes of vector files, checked on the terrain (see :meth:`runout.Probes.from_vector`).
 
     Parameters
     ----------
-    stated : tuple of Probe
+    site_points : tuple of Probe
         Points beside those of the file, in map coordinates.
 
     Raises
@@ -43,7 +43,7 @@ def read_probes(
         With all problems of all files.
     """
     layers = [(points, points_layer, POINTS), (cross_sections, cross_sections_layer, LINES)]
-    probes: dict[str, list[Any]] = {POINTS: list(stated), LINES: []}
+    probes: dict[str, list[Any]] = {POINTS: list(site_points), LINES: []}
     problems: list[Problem] = []
     changes: tuple[str, ...] = ()
     for path, layer, what in layers:

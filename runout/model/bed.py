@@ -118,14 +118,14 @@ class Bed:
         self, terrain: Terrain, releases: Sequence[Release], spacing: tuple[float, float, float], volume: float
     ) -> list[str]:
         """What a user should know of the bed in a run with particles of a ``volume`` [m3]."""
-        left, found = self.depth_on(terrain, releases), []
+        left, sentences = self.depth_on(terrain, releases), []
         whole = np.where(np.isfinite(terrain.elevation), self.depth, 0.0)
         lost = float((whole - left).sum() * terrain.cell_area)
         if lost > 0:
-            found.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
+            sentences.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
         dry = [release.name for release in releases if release.pore_pressure is None]
         if self.pore_pressure_ratio and dry:
-            found.append(
+            sentences.append(
                 f"{self.source}: pore_pressure is {self.pore_pressure_ratio:g}, but release {', '.join(dry)} is dry: what it takes "
                 "up is dry too; give the release a pore_pressure, which says how water drains"
             )
@@ -133,8 +133,8 @@ class Bed:
         thickest = float(left.max())
         if thickest < layer:
             finer = math.floor(spacing[0] * 1000 * thickest / layer) / 1000
-            found.append(
+            sentences.append(
                 f"{self.source}: depth is {thickest:g} m at most, thinner than one particle ({layer:.3g} m); "
                 f"use cell_size: {finer:g} or less, or more particles_per_cell, to resolve it"
             )
-        return found
+        return sentences

@@ -126,8 +126,8 @@ class RatioZones:
     @property
     def ends(self) -> tuple[float, float]:
         """Smallest and largest ratio [1] that is stated or may be drawn."""
-        stated = [self.low, self.high, self.elsewhere] if self.ratio is None else [*np.ravel(self.ratio).tolist(), self.elsewhere]
-        known = [ratio for ratio in stated if ratio is not None]
+        ratios = [self.low, self.high, self.elsewhere] if self.ratio is None else [*np.ravel(self.ratio).tolist(), self.elsewhere]
+        known = [ratio for ratio in ratios if ratio is not None]
         return min(known), max(known)
 
     def of_zones(self, seed: Sequence[int]) -> np.ndarray:
@@ -145,21 +145,21 @@ class RatioZones:
         return np.append(self.of_zones(seed), beyond)[self.zone]
 
 
-def zone_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Conflicts between ratio, low and high of zones, of which those are ``given``: key, what is wrong, remedy."""
-    ends = [name for name in ("low", "high") if name in given]
-    if "ratio" in given and ends:
+def zone_conflicts(block: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Conflicts between ratio, low and high in a block of zones: key, what is wrong, remedy."""
+    ends = [name for name in ("low", "high") if name in block]
+    if "ratio" in block and ends:
         yield ends[0], "ratio is given too", "give ratio, or low and high, which each member draws for each zone"
-    elif "ratio" not in given and len(ends) < 2:
+    elif "ratio" not in block and len(ends) < 2:
         said = "neither ratio nor low and high are given" if not ends else f"{ends[0]} is given alone"
         yield "", said, "give ratio, or low and high, which each member draws for each zone"
     else:
-        yield from end_conflicts(given)
+        yield from end_conflicts(block)
 
 
-def end_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+def end_conflicts(block: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Conflict between low and high, which may still be of a wrong type: key, what is wrong, remedy."""
-    low, high = given.get("low"), given.get("high")
+    low, high = block.get("low"), block.get("high")
     if isinstance(low, int | float) and isinstance(high, int | float) and low > high:
         yield "low", f"low ({low:g}) is above high ({high:g})", "exchange them"
 
@@ -298,16 +298,16 @@ class PorePressure:
         rows, columns = ratio.shape
         column = np.clip(np.floor(x / cell_size[0]).astype(np.int64), 0, columns - 1)
         row = np.clip(rows - 1 - np.floor(y / cell_size[1]).astype(np.int64), 0, rows - 1)
-        found = ratio[row, column]
-        return np.where(np.isnan(found), np.nanmean(ratio), found)  # a particle that the jitter moved off the release
+        own_ratio = ratio[row, column]
+        return np.where(np.isnan(own_ratio), np.nanmean(ratio), own_ratio)  # a particle that the jitter moved off the release
 
     def content(self) -> list[np.ndarray]:
         """All that particles depend on, as arrays."""
         numbers = np.array([self.saturation, self.diffusivity or 0.0, self.decay_time or 0.0])
         if isinstance(self.ratio, RatioZones):
             ends = [np.nan if end is None else end for end in (self.ratio.low, self.ratio.high, self.ratio.elsewhere)]
-            stated = np.nan if self.ratio.ratio is None else self.ratio.ratio
-            return [self.ratio.zone, np.asarray(stated, np.float64), np.array(ends), numbers]
+            zone_ratios = np.nan if self.ratio.ratio is None else self.ratio.ratio
+            return [self.ratio.zone, np.asarray(zone_ratios, np.float64), np.array(ends), numbers]
         ratio = [self.ratio.low, self.ratio.high, self.ratio.block] if isinstance(self.ratio, RatioBlocks) else self.ratio
         return [np.asarray(ratio, np.float64), numbers]
 

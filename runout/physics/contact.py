@@ -138,10 +138,10 @@ def ground_area(plan_area: Any, shares: Any, upward: Any):
     return plan_area * shares / upward
 
 
-def effective_impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any, area: Any, effective: Any):
+def effective_impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, last_impulse: Any, area: Any, effective: Any):
     """Impulse [N s] of the ground on a particle in a step: unilateral, with friction on the whole tangential vector.
 
-    One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``given`` [N s], which the
+    One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``last_impulse`` [N s], which the
     velocity ``u`` contains already; it is the force of the step before times dt. Lumped compliances correct what all
     neighbours share in one sweep and what differs between them in several, so that sweeps of a static load go on over the steps.
 
@@ -151,16 +151,16 @@ def effective_impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt:
     acts on the share ``effective`` [1] of the normal impulse, 1 without pore pressure (:mod:`runout.physics.pore_pressure`).
     """
     un = dot(u, n)
-    held = dot(given, n)
-    normal = held + (normal_target(un - compliance * held, gap, dt) - un) / compliance
+    last_normal = dot(last_impulse, n)
+    normal = last_normal + (normal_target(un - compliance * last_normal, gap, dt) - un) / compliance
     if normal <= real(0.0):
         return vec(real(0.0), real(0.0), real(0.0))
     ux = u[0] - un * n[0]
     uy = u[1] - un * n[1]
     uz = u[2] - un * n[2]
-    tx = given[0] - held * n[0] - ux / compliance
-    ty = given[1] - held * n[1] - uy / compliance
-    tz = given[2] - held * n[2] - uz / compliance
+    tx = last_impulse[0] - last_normal * n[0] - ux / compliance
+    ty = last_impulse[1] - last_normal * n[1] - uy / compliance
+    tz = last_impulse[2] - last_normal * n[2] - uz / compliance
     along = math.sqrt(tx * tx + ty * ty + tz * tz)
     steady, drag = law_resistance(effective * normal, math.sqrt(ux * ux + uy * uy + uz * uz), area, dt, basal)
     s = real(1.0)
@@ -172,9 +172,9 @@ def effective_impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt:
     return vec(normal * n[0] + s * tx, normal * n[1] + s * ty, normal * n[2] + s * tz)
 
 
-def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any, area: Any):
+def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, last_impulse: Any, area: Any):
     """:func:`effective_impulse` of a mass without pore pressure."""
-    return effective_impulse(u, n, gap, compliance, basal, dt, given, area, real(1.0))
+    return effective_impulse(u, n, gap, compliance, basal, dt, last_impulse, area, real(1.0))
 
 
 def column_drag(push: Any, u: Any, n: Any, area: Any, compliance: Any, gravity: Any, dt: Any, basal: Any):
@@ -244,13 +244,13 @@ def zone_friction(friction: Any, factor: Any, own: Any):
     return factor * friction + own
 
 
-def work(push: Any, given: Any, before: Any, u: Any, compliance: Any):
+def work(push: Any, last_impulse: Any, before: Any, u: Any, compliance: Any):
     """Work [J] of an impulse ``push``, with the mean of the particle's velocities before the step and after it.
 
-    ``u`` is the velocity that it would have with the impulse ``given`` alone. Gravity, internal force and impulse act in one step;
-    the mean over the whole step books none of the work that the ground does against forces that it cancels.
+    ``u`` is the velocity that it would have with the impulse ``last_impulse`` alone. Gravity, internal force and impulse act in
+    one step; the mean over the whole step books none of the work that the ground does against forces that it cancels.
     """
-    x = before[0] + u[0] + compliance * (push[0] - given[0])
-    y = before[1] + u[1] + compliance * (push[1] - given[1])
-    z = before[2] + u[2] + compliance * (push[2] - given[2])
+    x = before[0] + u[0] + compliance * (push[0] - last_impulse[0])
+    y = before[1] + u[1] + compliance * (push[1] - last_impulse[1])
+    z = before[2] + u[2] + compliance * (push[2] - last_impulse[2])
     return real(0.5) * (push[0] * x + push[1] * y + push[2] * z)

@@ -25,7 +25,7 @@ TEMPLATE = "comparison.html.jinja"
 
 def comparison_page(comparison: Comparison) -> str:
     """HTML text of one self-contained page."""
-    stored = comparison.found.stored()
+    stored = comparison.assessment.stored()
     a, b = names(comparison)
     shown_a, shown_b = _shown_names(comparison)
     heading = [("Scored", str(comparison.a.path)), ("Against", str(comparison.b.path)), ("Grid", _grid(comparison))]
@@ -91,7 +91,7 @@ def _grid(comparison: Comparison) -> str:
 
 
 def _lead(comparison: Comparison) -> str:
-    known = any(score.numerical_error is not None for score in comparison.found.scores)
+    known = any(score.numerical_error is not None for score in comparison.assessment.scores)
     bars = "± is the numerical error bar of the first." if known else "The numerical error of the first is not known."
     if comparison.of_ensemble is not None:
         bars += (

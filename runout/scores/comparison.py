@@ -101,7 +101,7 @@ class Comparison:
         Elevation of the ground and thickness of the release [m], of the product that has them.
     vector : VectorContent or None
         Outline or points.
-    found : Assessment
+    assessment : Assessment
         Scores of ``a`` against ``b``. If an ensemble is compared with one flow, they score the area that a share of its members
         reaches.
     members : tuple of Member
@@ -123,7 +123,7 @@ class Comparison:
     elevation: np.ndarray | None
     release: np.ndarray | None
     vector: VectorContent | None
-    found: Assessment
+    assessment: Assessment
     thresholds: tuple[float, ...]
     setting: Setting
     changes: tuple[str, ...] = field(default=())
@@ -193,10 +193,10 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
         scored = _by_members((a, b), flows, vector, setting, ground, choices)
     else:
         changes += [BOTH_ENSEMBLES] if a.kind == b.kind == "ensemble" else []
-        scored.found = _assessed(flows, vector, setting, choices)
+        scored.assessment = _assessed(flows, vector, setting, choices)
     notes = tuple(dict.fromkeys((*changes, *notes, *scored.notes)))
     return Comparison(
-        a, b, grid, scored.flows, ground, release, vector, scored.found, tuple(setting.thresholds), setting, notes,
+        a, b, grid, scored.flows, ground, release, vector, scored.assessment, tuple(setting.thresholds), setting, notes,
         choices.slope_normal, scored.members, scored.ranked_by,
     )  # fmt: skip
 
@@ -206,7 +206,7 @@ class _Scored:
     """What scoring gives: maps to show, scores, members from the best to the worst, and sentences."""
 
     flows: tuple[Flow, Flow]
-    found: Assessment
+    assessment: Assessment
     members: tuple[Member, ...] = ()
     ranked_by: str = ""
     notes: tuple[str, ...] = ()
@@ -414,7 +414,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "thickness": "normal to the slope" if comparison.slope_normal else "vertical",
         "energy_line_from": "top of the release" if comparison.setting.start else None,
         "changes": list(comparison.changes),
-        **comparison.found.stored(),
+        **comparison.assessment.stored(),
         **(
             {"ranked_by": comparison.ranked_by, "members": [one.stored() for one in comparison.members]}
             if comparison.members

@@ -127,7 +127,7 @@ class Score:
     def stored(self) -> dict[str, Any]:
         """The score as values for JSON; a value that is not defined is None, and ``undefined`` says why."""
         value = None if math.isnan(self.value) else plain(self.value)
-        found: dict[str, Any] = {"of": self.of, "name": self.name, "value": value, "units": self.units}
+        content: dict[str, Any] = {"of": self.of, "name": self.name, "value": value, "units": self.units}
         if value is None:
-            found["undefined"] = self.definition.undefined
-        return found if self.numerical_error is None else found | {"numerical_error": float(self.numerical_error)}
+            content["undefined"] = self.definition.undefined
+        return content if self.numerical_error is None else content | {"numerical_error": float(self.numerical_error)}

@@ -138,25 +138,25 @@ class ErrorBars:
 
 def _scaled(field: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Sums and shares of a difference of two maps that is ``factor`` times as large."""
-    found: dict[str, Any] = {
+    scaled_sums: dict[str, Any] = {
         name: value * factor**power for name, power in POWERS.items() if (value := _number(field, name)) is not None
     }
     index = field.get("critical_success_index")
     if isinstance(index, Mapping):
         known = {name: value for name in index if (value := _number(index, name)) is not None}
-        found["critical_success_index"] = {name: max(0.0, 1.0 - factor * (1.0 - value)) for name, value in known.items()}
-    return found
+        scaled_sums["critical_success_index"] = {name: max(0.0, 1.0 - factor * (1.0 - value)) for name, value in known.items()}
+    return scaled_sums
 
 
 def _number(entry: Any, name: str) -> float | None:
-    found = entry.get(name) if isinstance(entry, Mapping) else None
-    return float(found) if isinstance(found, int | float) else None
+    value = entry.get(name) if isinstance(entry, Mapping) else None
+    return float(value) if isinstance(value, int | float) else None
 
 
 def _sum(entries: Sequence[Any], name: str) -> float | None:
     """Sum of the absolute values; None where one is not known."""
-    found = [_number(entry, name) for entry in entries]
-    return None if None in found else sum(abs(value) for value in found if value is not None)
+    values = [_number(entry, name) for entry in entries]
+    return None if None in values else sum(abs(value) for value in values if value is not None)
 
 
 def _over(error: float | None, whole: float) -> float | None:

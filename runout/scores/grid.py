@@ -132,15 +132,15 @@ def resampled(values: np.ndarray, grid: Grid, target: Grid) -> np.ndarray:
     ObservationError
         If no transformation between the systems is known.
     """
-    found = placed(grid, target).inverse
-    if found is None and grid.same_cells(target):
+    inverse = placed(grid, target).inverse
+    if inverse is None and grid.same_cells(target):
         return np.array(values, np.float64)
     known = np.isfinite(values)
     layers = [np.where(known, values, 0.0), known.astype(np.float64)]
-    if found is None:
+    if inverse is None:
         total, share = (_shared(layer, grid, target) for layer in layers)
     else:
-        total, share = _looked_up(layers, grid, target, found)
+        total, share = _looked_up(layers, grid, target, inverse)
     return np.divide(total, share, out=np.full(target.shape, np.nan), where=share >= KNOWN_SHARE - SAME_EDGE)
 
 
@@ -166,8 +166,8 @@ def common_grid(one: Grid, other: Grid) -> Grid:
     ObservationError
         If the maps do not overlap, or no transformation between their systems is known.
     """
-    found = placed(other, one)
-    bounds = other.extent if found.forward is None else _moved_bounds(other, found.forward)
+    transformation = placed(other, one)
+    bounds = other.extent if transformation.forward is None else _moved_bounds(other, transformation.forward)
     (w1, s1, e1, n1), (w2, s2, e2, n2) = one.extent, bounds
     if not (max(w1, w2) < min(e1, e2) and max(s1, s2) < min(n1, n2)):
         first, second = ([f"{edge:.10g}" for edge in box] for box in (one.extent, bounds))
@@ -175,7 +175,7 @@ def common_grid(one: Grid, other: Grid) -> Grid:
             f"{one.source} and {other.source} do not overlap: [{', '.join(first)}] and [{', '.join(second)}] (west, south, east, "
             "north); check the coordinate systems of both"
         )
-    coarser = other if found.forward is None and other.cell_area > one.cell_area * (1 + SAME_EDGE) else one
+    coarser = other if transformation.forward is None and other.cell_area > one.cell_area * (1 + SAME_EDGE) else one
     return replace(coarser, crs=one.crs).covering([one.extent, bounds])
 
 

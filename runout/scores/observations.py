@@ -88,7 +88,7 @@ def on_grid(values: np.ndarray, own: Grid, grid: Grid, fill: float = np.nan) -> 
     ObservationError
         If the map lies beside the grid, or no transformation is known.
     """
-    found = resampled(values, own, grid)
-    if not np.isfinite(found).any():
+    on_cells = resampled(values, own, grid)
+    if not np.isfinite(on_cells).any():
         raise ObservationError(f"{own.source}: no known cell lies on {grid.source}; check the coordinate system of both")
-    return found if np.isnan(fill) else np.where(np.isnan(found), fill, found)
+    return on_cells if np.isnan(fill) else np.where(np.isnan(on_cells), fill, on_cells)

@@ -42,8 +42,8 @@ def values_at(grid: Grid, values: np.ndarray, easting: Any, northing: Any) -> np
     row = np.floor((north - y) / grid.cell_size[1]).astype(np.int64)
     inside = (x >= west) & (x < east) & (y > south) & (y <= north)
     rows, columns = grid.shape
-    found = np.asarray(values, np.float64)[row.clip(0, rows - 1), column.clip(0, columns - 1)]
-    return np.where(inside, found, np.nan)
+    nearest = np.asarray(values, np.float64)[row.clip(0, rows - 1), column.clip(0, columns - 1)]
+    return np.where(inside, nearest, np.nan)
 
 
 def point_errors(modelled: Any, observed: Any) -> PointErrors:

@@ -182,9 +182,9 @@ def _of_netcdf(path: Path, reading: Reading) -> Product:
         return _of_ensemble(path, netcdf.read(path), reading)
     if places.get("max_flow_thickness") == netcdf.MAP_DIMS:
         return _of_member(path, read_maps(path))
-    held = ", ".join(sorted(names)[:6]) or "nothing"
+    variables = ", ".join(sorted(names)[:6]) or "nothing"
     raise ObservationError(
-        f"{path}: is neither hazard.nc nor a member of runout (it holds {held}); write its map as a GeoTIFF: "
+        f"{path}: is neither hazard.nc nor a member of runout (it holds {variables}); write its map as a GeoTIFF: "
         f"gdal_translate NETCDF:{path.name}:VARIABLE map.tif"
     )
 
@@ -218,15 +218,15 @@ def member_product(path: Path, member: "xr.Dataset") -> Product:
 
 
 def _of_member(path: Path, member: "xr.Dataset") -> Product:
-    found = member_product(path, member)
-    assert found.flow is not None
+    product = member_product(path, member)
+    assert product.flow is not None
     results = path.absolute().parent.parent if path.absolute().parent.name in ("members", "simulations") else path.parent
     if not (results / "terrain.nc").is_file() or not (results / "release.nc").is_file():
-        return found
+        return product
     terrain, release = netcdf.read(results / "terrain.nc"), netcdf.read(results / "release.nc")
-    if not Grid.of_dataset(terrain, "terrain.nc").same_cells(found.flow.grid):
-        return found
-    return replace(found, elevation=terrain["elevation"].values, release=release["release_thickness"].values, bars=_bars(results))
+    if not Grid.of_dataset(terrain, "terrain.nc").same_cells(product.flow.grid):
+        return product
+    return replace(product, elevation=terrain["elevation"].values, release=release["release_thickness"].values, bars=_bars(results))
 
 
 def _bars(results: Path) -> ErrorBars:
@@ -248,9 +248,9 @@ def read_vector(path: Path, terrain: Terrain, layer: str | None = None) -> Vecto
         outline, changes = read_outline(path, terrain, layer)
         return VectorContent(outline, None, changes)
     if kinds != {"Point"}:
-        held = " and ".join(sorted(kinds)) or "no geometries"
+        geometries = " and ".join(sorted(kinds)) or "no geometries"
         remedy = "a thalweg goes to --thalweg" if kinds == {"LineString"} else "write one kind into a file"
-        raise ObservationError(f"{path}: holds {held}; an outline is polygons, gauges are points, {remedy}")
+        raise ObservationError(f"{path}: holds {geometries}; an outline is polygons, gauges are points, {remedy}")
     named = {name: name for name in POINT_UNITS if name in frame.columns}
     if not named:
         have = ", ".join(map(str, frame.columns.drop(frame.geometry.name))) or "none"

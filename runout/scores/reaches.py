@@ -44,9 +44,9 @@ class Reaches:
             raise ObservationError(f"reaches: {wrong:g} m is not on the thalweg, which is {length:.6g} m long; state 0 to that")
 
     @classmethod
-    def of(cls, thalweg: Thalweg, stated: int | Sequence[float], grid: Grid) -> "Reaches":
+    def of(cls, thalweg: Thalweg, parts: int | Sequence[float], grid: Grid) -> "Reaches":
         """Reaches between lengths [m], or a number of reaches of equal length."""
-        ends = np.linspace(0.0, thalweg.length, stated + 1) if isinstance(stated, int) else stated
+        ends = np.linspace(0.0, thalweg.length, parts + 1) if isinstance(parts, int) else parts
         return cls(thalweg, tuple(map(float, ends)), grid)
 
     @cached_property
@@ -54,9 +54,9 @@ class Reaches:
         """Reach (rows, columns) of each cell, from 0; -1 in none. A cell at an end belongs to the reach downstream."""
         s, _ = self.thalweg.coordinates(self.grid.easting[None, :], self.grid.northing[:, None])
         s, last = np.clip(s, 0.0, self.thalweg.length), len(self.ends) - 2
-        found = np.searchsorted(self.ends, s, "right") - 1
-        found[s == self.ends[-1]] = last
-        return np.where(found > last, -1, found)
+        reach = np.searchsorted(self.ends, s, "right") - 1
+        reach[s == self.ends[-1]] = last
+        return np.where(reach > last, -1, reach)
 
     def volumes(self, change: np.ndarray) -> np.ndarray:
         """Net volume (n,) [m3] of a change of elevation (rows, columns) [m], without its unknown cells (NaN)."""

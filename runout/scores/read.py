@@ -92,11 +92,11 @@ def read_outline(path: Path, terrain: Terrain, layer: str | None = None) -> tupl
     import shapely
 
     with observation_errors():
-        found = read_polygons(path, terrain, layer, "outline")
-    outline = shapely.union_all(found.polygons)
+        layer_polygons = read_polygons(path, terrain, layer, "outline")
+    outline = shapely.union_all(layer_polygons.polygons)
     if not shapely.intersects(outline, shapely.box(*terrain.extent)):
         raise ObservationError(f"{path}: no outline lies on {terrain.source}; check the coordinate system of both")
-    return outline, found.changes
+    return outline, layer_polygons.changes
 
 
 def read_thalweg(path: Path, terrain: Terrain, layer: str | None = None) -> tuple[Thalweg, tuple[str, ...]]:
@@ -114,8 +114,8 @@ def read_thalweg(path: Path, terrain: Terrain, layer: str | None = None) -> tupl
     lines = shapely.force_2d(frame.geometry.to_numpy()) if kinds <= {"LineString", "MultiLineString"} else []
     line = shapely.line_merge(shapely.union_all(lines))  # no union of polygons, which fails if one crosses itself
     if line.geom_type != "LineString" or line.is_empty:
-        held = f"holds {len(frame)} features ({', '.join(sorted(kinds))})"
-        raise ObservationError(f"{path}: {held}; a thalweg is one line without branches or gaps")
+        content = f"holds {len(frame)} features ({', '.join(sorted(kinds))})"
+        raise ObservationError(f"{path}: {content}; a thalweg is one line without branches or gaps")
     if not shapely.intersects(line, shapely.box(*terrain.extent)):
         raise ObservationError(f"{path}: the thalweg does not meet {terrain.source}; check the coordinate system of both")
     points = shapely.get_coordinates(line)

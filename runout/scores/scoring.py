@@ -16,12 +16,12 @@ NO_BARS = ErrorBars({})
 
 
 def scores_of(
-    evidence: str, of: str, found: Any, units: str = "", bars: Mapping[str, float | None] | None = None
+    evidence: str, of: str, value_source: Any, units: str = "", bars: Mapping[str, float | None] | None = None
 ) -> Iterator[Score]:
     """All scores that a kind of evidence gives (:attr:`runout.scores.Definition.values`), with what is known of their errors."""
     for name, one in DEFINITIONS.items():
         if evidence in one.values:
-            yield Score(of, name, float(one.values[evidence](found)), units, (bars or {}).get(name))
+            yield Score(of, name, float(one.values[evidence](value_source)), units, (bars or {}).get(name))
 
 
 def field_scores(

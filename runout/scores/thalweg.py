@@ -208,8 +208,8 @@ def _sides(flows: list[tuple[np.ndarray, np.ndarray]], spacing: float) -> tuple[
 def _edges(s: np.ndarray, across: np.ndarray, spacing: float) -> dict[int, tuple[float, float]]:
     """Left and right edge of a flow in each interval of s that it reaches."""
     interval = np.floor(s / spacing).astype(np.int64)
-    found, place = np.unique(interval, return_inverse=True)
-    left, right = np.full(len(found), -np.inf), np.full(len(found), np.inf)
+    intervals, place = np.unique(interval, return_inverse=True)
+    left, right = np.full(len(intervals), -np.inf), np.full(len(intervals), np.inf)
     np.maximum.at(left, place, across)
     np.minimum.at(right, place, across)
-    return {int(k): (float(a), float(b)) for k, a, b in zip(found, left, right, strict=True)}
+    return {int(k): (float(a), float(b)) for k, a, b in zip(intervals, left, right, strict=True)}

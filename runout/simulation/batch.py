@@ -90,16 +90,16 @@ def simulate_batch(
         If the device does not exist.
     """
     with ThreadPoolExecutor(AHEAD) as pool:
-        ahead = _Ahead(pool, scenarios, progress)
-        yield from _in_launches(ahead, find_device(device), particles)  # the device is initialised meanwhile
+        jobs = _PreparedJobs(pool, scenarios, progress)
+        yield from _in_launches(jobs, find_device(device), particles)  # the device is initialised meanwhile
 
 
-def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+def _in_launches(jobs: "_PreparedJobs", place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
     """Outcomes of jobs. A launch has as many as keep the device busy, or as its memory holds; it does not wait for the last."""
     launch = _Launch(place)
-    for number, future in enumerate(ahead):
+    for number, future in enumerate(jobs):
         if launch.particles >= BUSY and not future.done():
-            yield from launch.outcomes(ahead, brought)
+            yield from launch.outcomes(jobs, brought)
             launch = _Launch(place)
         try:
             job = future.result()
@@ -108,7 +108,7 @@ def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[i
             yield number, error
             continue
         if launch.jobs and not launch.takes(job):
-            yield from launch.outcomes(ahead, brought)
+            yield from launch.outcomes(jobs, brought)
             launch = _Launch(place)
         launch.jobs.append(job)
     yield from _launched(launch.jobs, place, brought)
@@ -201,13 +201,13 @@ class _Launch:
         needed = sum(j.bytes for j in self.jobs) + job.bytes
         return len(self.jobs) < MOST and self.particles < ENOUGH and needed <= MEMORY_SHARE * self.free
 
-    def outcomes(self, ahead: "_Ahead", brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+    def outcomes(self, jobs: "_PreparedJobs", brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
         """Outcomes of the jobs; as many as keep the device busy are prepared meanwhile."""
-        ahead.make(min(MOST, math.ceil(len(self.jobs) * ENOUGH / max(self.particles, 1))))
+        jobs.make(min(MOST, math.ceil(len(self.jobs) * ENOUGH / max(self.particles, 1))))
         yield from _launched(self.jobs, self.place, brought)
 
 
-class _Ahead:
+class _PreparedJobs:
     """Jobs of scenarios in their order, prepared in advance by threads while the device computes.
 
     Parameters
@@ -371,10 +371,10 @@ class _Together:
         count = self._stretch(sorted(running))
         transfers = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
         done = [planned - todo for planned, todo in zip(self.planned, self.todo, strict=True)]
-        looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= transfers[k]] for k in running}
+        look_steps = {k: [n - done[k] for n in self.runs[k].look_steps if 0 < n - done[k] <= transfers[k]] for k in running}
         going_on = [k for k in running if done[k]]
         dt, look = [run.dt for run in self.runs], lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
-        self.batch.advance(dt, transfers, looks, look, going_on, [run.substeps for run in self.runs])
+        self.batch.advance(dt, transfers, look_steps, look, going_on, [run.substeps for run in self.runs])
         self.rows = []
         for k in running:
             self.todo[k] -= transfers[k]

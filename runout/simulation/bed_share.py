@@ -40,8 +40,8 @@ class DepositMass:
         node = particles.node[:, :2]
         lattice = footprints.Lattice.around(scene, node.min(axis=0), node.max(axis=0) + 2)
         sums = _box_sums(particles, is_of_bed, scene.densities, lattice)
-        found = footprints.spread(sums, lattice, raster, particles.sums(scene.densities).mean_volume)
-        whole = footprints.on_whole(footprints.on_raster(found, raster, cell), raster)
+        on_lattice = footprints.spread(sums, lattice, raster, particles.sums(scene.densities).mean_volume)
+        whole = footprints.on_whole(footprints.on_raster(on_lattice, raster, cell), raster)
         return cls(whole.mass, whole.momentum[..., 0])
 
     @property

@@ -143,8 +143,8 @@ class ErodingBed:
     def update(self, engine: Backend, time: float) -> None:
         """Erode the bed up to a ``time`` [s]; if births are due, particles join the backend."""
         lasting, self.time = time - self.time, time
-        found = engine.node_columns() if isinstance(engine, WindowBackend) else None
-        columns = Columns.within(found, self.first, self.shape) if found is not None else None
+        node_sums = engine.node_columns() if isinstance(engine, WindowBackend) else None
+        columns = Columns.within(node_sums, self.first, self.shape) if node_sums is not None else None
         fastest = 0.0
         if columns is not None:
             fastest = self._erode(engine, columns, lasting)
@@ -217,8 +217,8 @@ class ErodingBed:
         left = self.there[part_of] - self.eroded[part_of]
         rounding, count = rounding_of(first, owed.shape), np.zeros(owed.shape, np.int64)
         for size in POOL_WIDTHS[:1] if late > 0.0 else POOL_WIDTHS:
-            more, given = births(owed, left, takes, rounding if late > 0.0 else np.zeros(owed.shape), late, size)
-            owed -= given
+            more, depth = births(owed, left, takes, rounding if late > 0.0 else np.zeros(owed.shape), late, size)
+            owed -= depth
             count += more
         if not count.any():
             return
@@ -305,8 +305,8 @@ class ErodingBed:
 
         The depth by which the ground was lowered, and the change of elevation: the deposit less release and eroded depth.
         """
-        given = self.eroded - self.owed  # all that the flow took up, to rounding
-        eroded = AreaSums.of_nodes(given, self.first, self.scene.spacing).on_raster(self.scene.raster)
+        depth = self.eroded - self.owed  # all that the flow took up, to rounding
+        eroded = AreaSums.of_nodes(depth, self.first, self.scene.spacing).on_raster(self.scene.raster)
         eroded = np.where(np.abs(eroded) < THINNEST, 0.0, eroded)  # differences of sums over the raster leave rounding everywhere
         return {ERODED: eroded, CHANGE: deposit - self.released - eroded}
 

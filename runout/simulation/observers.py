@@ -46,7 +46,7 @@ class PeakMaps:
     arrival_threshold: float  # [m]
     on_lattice: bool = False
     time: float = 0.0  # [s] of the last observation
-    looks: int = 0  # observations
+    observations: int = 0
     cells: int = 0  # cells of all windows that were observed
     peaks: np.ndarray = field(init=False)
     arrival: np.ndarray = field(init=False)
@@ -73,7 +73,7 @@ class PeakMaps:
             np.array((self.time, time)), self.thickness, self.peaks, self.arrival,
         )  # fmt: skip
         self.time, self.window = time, window
-        self.looks, self.cells = self.looks + 1, self.cells + columns.mass.size
+        self.observations, self.cells = self.observations + 1, self.cells + columns.mass.size
 
     def _clear_beside(self, window: np.ndarray) -> None:
         """Set the last thickness to zero outside of a new window."""

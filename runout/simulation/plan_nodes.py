@@ -34,14 +34,14 @@ class Columns:
     shape: tuple[int, int]
 
     @classmethod
-    def within(cls, found: NodeSums, first: tuple[int, int], shape: tuple[int, int]) -> "Columns | None":
+    def within(cls, node_sums: NodeSums, first: tuple[int, int], shape: tuple[int, int]) -> "Columns | None":
         """The part of sums of a backend within so many nodes from ``first`` on; None without one."""
-        low = [max(a, b) for a, b in zip(found.first, first, strict=True)]
-        high = [min(a + n, b + m) for a, n, b, m in zip(found.first, found.sums.shape[1:], first, shape, strict=True)]
+        low = [max(a, b) for a, b in zip(node_sums.first, first, strict=True)]
+        high = [min(a + n, b + m) for a, n, b, m in zip(node_sums.first, node_sums.sums.shape[1:], first, shape, strict=True)]
         if low[0] >= high[0] or low[1] >= high[1]:
             return None
-        begin = low[0] - found.first[0], low[1] - found.first[1]
-        return cls(np.ascontiguousarray(found.sums), begin, (low[0], low[1]), (high[0] - low[0], high[1] - low[1]))
+        begin = low[0] - node_sums.first[0], low[1] - node_sums.first[1]
+        return cls(np.ascontiguousarray(node_sums.sums), begin, (low[0], low[1]), (high[0] - low[0], high[1] - low[1]))
 
     @property
     def mass(self) -> np.ndarray:
@@ -144,7 +144,7 @@ def births(
     size : int
         Nodes of a pool along each axis.
     """
-    count, given = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
+    count, depth = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
     places = np.indices(owed.shape)
     pools, room, each, rounding, i, j = (_pooled(values, size) for values in (owed, left, takes, rounding, *places))
     due = np.maximum(pools, 0.0)
@@ -154,7 +154,7 @@ def births(
     particles = np.maximum(pools[owing].sum(axis=1), 0.0) / each + 1e-9
     rounded = particles + rounding[owing, 0] + 0.25 * late
     if not (rounded >= 1.0).any():
-        return count, given
+        return count, depth
     part_of_due, number = due / due.sum(axis=1, keepdims=True), np.floor(rounded)
     fits = (part_of_due * (number * each)[:, None] <= due + room[owing] + 1e-12).all(axis=1)
     number = np.where(fits, number, np.floor(particles)).astype(np.int64)

@@ -109,7 +109,7 @@ class Run:
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.sample, self.particle_frames = ParticleSample(), list[np.ndarray]()
         self.pending, self.reason = list(control.snapshot_times), ""
-        self.looks: list[int] = []
+        self.look_steps: list[int] = []
         self.frame_before: Frame | None = None  # the last state before the next snapshot
         self.planned = self.made = self.first_look = 0  # transfers of the series
         self.look_every = self.substeps = 1
@@ -233,7 +233,7 @@ class Run:
                 self.keep.write(self._state(clock.perf_counter() - started))
             count = self.plan(BATCH)
             if isinstance(self.engine, BatchBackend):
-                self.engine.steps(self.dt, count, self.looks, self.look, self.substeps)
+                self.engine.steps(self.dt, count, self.look_steps, self.look, self.substeps)
             else:
                 count = self._step_singly(count)
             self.arrive(count)
@@ -242,7 +242,7 @@ class Run:
         """Make the planned transfers one by one, until one of them would be unstable; returns how many have been made."""
         for step in range(1, count + 1):
             self.engine.step(self.dt, self.substeps)
-            if step in self.looks:
+            if step in self.look_steps:
                 started = clock.perf_counter()
                 self._note(self._time_after(step), self._columns())
                 self.observing += clock.perf_counter() - started
@@ -268,8 +268,8 @@ class Run:
     def plan(self, most: int) -> int:
         """Set the next time step [s] and the number of substeps; returns the transfers until the next record, at most ``most``.
 
-        ``looks`` are those after which the maps are updated. Length and number of the transfers of a series follow from the flow,
-        the rows of the ledger and the end. Snapshots and forces interrupt a series but do not change it.
+        ``look_steps`` are those after which the maps are updated. Length and number of the transfers of a series follow from the
+        flow, the rows of the ledger and the end. Snapshots and forces interrupt a series but do not change it.
         """
         if self.made < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
             self._end_series()
@@ -285,7 +285,7 @@ class Run:
         if self.pending:
             count = min(count, self._steps_before_snapshot())
         planned = range(self.first_look, self.planned + 1, self.look_every)
-        self.looks = [step - self.made for step in planned if self.made < step <= self.made + count]
+        self.look_steps = [step - self.made for step in planned if self.made < step <= self.made + count]
         return count
 
     def _plan_series(self, most: int) -> None:
@@ -327,9 +327,9 @@ class Run:
 
     def _steps_before_snapshot(self) -> int:
         """Number of transfers to the last state before the next snapshot, or, from that state, which is kept, 1."""
-        ahead = (self.pending[0] - self.time) / self.length
-        if ahead > 1.0 - 1e-9:
-            return max(1, int(ahead + 1e-9))
+        transfers = (self.pending[0] - self.time) / self.length
+        if transfers > 1.0 - 1e-9:
+            return max(1, int(transfers + 1e-9))
         if self.frame_before is None:
             self.frame_before = self._frame()
         return 1

@@ -267,9 +267,9 @@ def hold_back(
     names = [release.name for release in releases]
     for number in later:
         own, release = particles.of([number], ground), releases[number]
-        stated = release, number, own, closings.get(number), own.sums(scene.densities)
+        arguments = release, number, own, closings.get(number), own.sums(scene.densities)
         trigger = release.starts_when
-        waiting.append(TriggeredRelease(*stated, names.index(trigger.arrives)) if trigger else WaitingRelease(*stated))
+        waiting.append(TriggeredRelease(*arguments, names.index(trigger.arrives)) if trigger else WaitingRelease(*arguments))
     by_number = {source.number: source for source in waiting}
     for source in waiting:
         if isinstance(source, TriggeredRelease):

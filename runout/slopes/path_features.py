@@ -118,11 +118,11 @@ def _confined(drained: "Drainage", cells: np.ndarray, peak: np.ndarray) -> np.nd
     reach = np.arange(1, max(SIDE_CELLS, math.ceil(SIDE / max(dx, dy))) + 1)
     confined = np.zeros(len(cells), bool)
     for k, (row, column) in enumerate(cells):
-        ahead = cells[min(k + 2, len(cells) - 1)] - cells[max(k - 2, 0)]
-        length = float(np.hypot(*ahead))
+        direction = cells[min(k + 2, len(cells) - 1)] - cells[max(k - 2, 0)]
+        length = float(np.hypot(*direction))
         if length == 0.0:
             continue
-        across = np.array([-ahead[1], ahead[0]]) / length
+        across = np.array([-direction[1], direction[0]]) / length
         surface = ground[row, column] + np.nan_to_num(peak[row, column])
         confined[k] = all(_rises(ground, (row, column), side * across, reach, surface) for side in (1.0, -1.0))
     return confined

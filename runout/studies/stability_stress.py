@@ -52,7 +52,7 @@ def stress(out: Path | None = None, full: bool = False, backend: str = "scan", d
     LOGGER.info("%d survived, %d refused, %d failed", count["survived"], count["refused"], count["failed"])
     if out is not None:
         chosen = {"--full": full, f"--backend {backend}": backend != "scan", f"--device {device}": device != "cpu"}
-        said = " ".join(["runout stress", *(option for option, given in chosen.items() if given), "--out DIR"])
+        said = " ".join(["runout stress", *(option for option, chosen_option in chosen.items() if chosen_option), "--out DIR"])
         content = {**as_json(trials, time.perf_counter() - started), "command": said, "backend": backend, "device": device}
         LOGGER.info("wrote %s", write_json(content, out / FILE))
     return trials
@@ -66,8 +66,8 @@ def command(out: Path | None, full: bool, backend: str, device: str = "cpu") -> 
 def as_json(trials: Sequence[Trial], seconds: float) -> dict[str, Any]:
     """The trials, ready for a JSON file: what each changes from the defaults, its verdict and its worst invariants."""
     rows = [{name: value for name, value in asdict(t).items() if name not in ("layout", "backend")} for t in trials]
-    found = [{**row, "changed": _changed(t)} for row, t in zip(rows, trials, strict=True)]
-    return {"version": __version__, "commit": commit(), "seconds": seconds, "defaults": DEFAULTS, "trials": found}
+    changed_rows = [{**row, "changed": _changed(t)} for row, t in zip(rows, trials, strict=True)]
+    return {"version": __version__, "commit": commit(), "seconds": seconds, "defaults": DEFAULTS, "trials": changed_rows}
 
 
 def as_line(trial: Trial) -> str:

@@ -26,10 +26,10 @@ def read_ratio_zones(
     path = Path(path)
     try:
         polygons = read_polygons(path, terrain, layer, "pore pressure zone")
-        stated = None if ratio is None else polygons.stated(ratio, "pore_pressure_ratio", "ratio")
+        ratios = None if ratio is None else polygons.stated(ratio, "pore_pressure_ratio", "ratio")
         numbers = np.arange(len(polygons.polygons), dtype=np.float64)  # those that draw a ratio differ
-        told = [f"zone {int(number) + 1}" for number in numbers] if stated is None else None
-        separate, overlaps = without_overlap(polygons, numbers if stated is None else stated, "ratio", "", told)
+        told = [f"zone {int(number) + 1}" for number in numbers] if ratios is None else None
+        separate, overlaps = without_overlap(polygons, numbers if ratios is None else ratios, "ratio", "", told)
     except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
         raise InputError(str(error)) from error
     zone = _zones_of_cells(separate, terrain)
@@ -42,7 +42,7 @@ def read_ratio_zones(
     for change in changes:
         log.warning(change)
     last = int(zone.max()) + 1
-    values: Any = ratio if stated is None or not isinstance(ratio, str) else stated[:last]
+    values: Any = ratio if ratios is None or not isinstance(ratio, str) else ratios[:last]
     return RatioZones(zone=zone, ratio=values, low=low, high=high, elsewhere=elsewhere, changes=changes)
 
 

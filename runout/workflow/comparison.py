@@ -31,7 +31,7 @@ def command(first: Path, second: Path, choices: "Choices", out: Path | None) -> 
     console = log.output()
     for change in comparison.changes:
         LOGGER.warning("%s", change)
-    for line in (*lines(comparison.found), *member_lines(comparison)):
+    for line in (*lines(comparison.assessment), *member_lines(comparison)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if out is not None:
         for path in write(comparison, Path(out)):

@@ -167,7 +167,7 @@ def test_all_backends_find_the_maps_of_the_reference(backend):
         run.start(particles)
         run.go()
         assert run.peaks.on_lattice
-        assert run.peaks.looks > 20
+        assert run.peaks.observations > 20
         found.append(run.peaks.maps())
     for name, expected in found[1].items():
         np.testing.assert_allclose(found[0][name], expected, rtol=0, atol=1e-6 * np.nanmax(expected), err_msg=name)

@@ -93,7 +93,7 @@ def main() -> None:
     site, truth = write_site(a.out / "avakot", a.cell_size, a.levels), avakot.read().others["Voellmy"]["parameters"]
     names = ("members", "choices", "observations", "validation", "left_out_of_the_likelihood", "parameters", "correlation")
     names += ("principal_axes", "statements", "misfits")
-    found = {outline: calibrated(site, outline, a.points, a.device) for outline in OUTLINES}
+    content = {outline: calibrated(site, outline, a.points, a.device) for outline in OUTLINES}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
     record = {
         "runout": runout.__version__,
@@ -103,7 +103,7 @@ def main() -> None:
         "cell_size": a.cell_size,
         "levels": a.levels,
         "com1dfa": truth,
-        "outlines": {outline: {name: one[name] for name in names} for outline, one in found.items()},
+        "outlines": {outline: {name: one[name] for name in names} for outline, one in content.items()},
     }
     print(f"com1DFA: {record['com1dfa']}")
     (a.out / RECORD).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")

@@ -59,9 +59,9 @@ def folder_of(out: Path, law: str, variant: str) -> Path:
 
 def run_all(out: Path) -> None:
     """Run com1DFA with each law and variant; one process, one after the other."""
-    found = version("avaframe")
-    if found != AVAFRAME:
-        sys.exit(f"avaframe is {found}; the record is of {AVAFRAME}: pip install avaframe=={AVAFRAME}")
+    installed = version("avaframe")
+    if installed != AVAFRAME:
+        sys.exit(f"avaframe is {installed}; the record is of {AVAFRAME}: pip install avaframe=={AVAFRAME}")
     data = os.environ.get("RUNOUT_DATA")
     if data is None or not (Path(data) / SITE).is_dir():
         sys.exit(f"$RUNOUT_DATA/{SITE} is not there; set RUNOUT_DATA to the folder that holds it")
@@ -89,9 +89,9 @@ def run(inputs: Path, law: str, variant: str, out: Path) -> None:
         for name in PEAKS:
             shutil.copy(only(peaks, f"*_{name}.asc"), out / f"{name}.asc")
         last = only(peaks / "timeSteps", "*_pft_t*.asc")
-    stated = {letter: float(chosen["GENERAL"][name]) for letter, name in PARAMETERS[law].items()}
+    numbers = {letter: float(chosen["GENERAL"][name]) for letter, name in PARAMETERS[law].items()}
     mass = float(reports[0]["Simulation Parameters"]["Final mass [kg]"])
-    settings = {"parameters": stated, "end_time": float(last.stem.rpartition("_t")[2]), "mass": mass}
+    settings = {"parameters": numbers, "end_time": float(last.stem.rpartition("_t")[2]), "mass": mass}
     (out / "settings.json").write_text(json.dumps(settings), encoding="utf-8")
 
 
@@ -185,7 +185,7 @@ def law_numbers(out: Path, law: str, line: Any) -> dict[str, Any]:
         **settings,
         **numbers(standard, line),
         "outline": outline_of(standard.thickness, EXTENT, standard.easting, standard.northing, CELLS),
-        "variants": {variant: variant_numbers(found, standard, line) for variant, found in peaks.items()},
+        "variants": {variant: variant_numbers(maps, standard, line) for variant, maps in peaks.items()},
     }
 
 

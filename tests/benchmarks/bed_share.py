@@ -125,12 +125,12 @@ def row_of(run: dict[str, Any], bare: float) -> str:
 HEAD = "        case  particles     born substeps  updates  births    time s  share %     ns/ps   ratio  mass err."
 
 
-def compare(watch: Watch, particles: int, given: argparse.Namespace, choices: dict[str, Any]) -> list[dict[str, Any]]:
+def compare(watch: Watch, particles: int, options: argparse.Namespace, choices: dict[str, Any]) -> list[dict[str, Any]]:
     """Runs of all cases in turn; their table is printed, with medians over the repeats."""
     runs: list[dict[str, Any]] = []
-    for turn in range(given.repeat):
+    for turn in range(options.repeat):
         for case in list(CASES)[:: 1 - 2 * (turn % 2)]:
-            runs.append(measure(watch, particles, given.end, case, given.rate, choices))
+            runs.append(measure(watch, particles, options.end, case, options.rate, choices))
     pairs = [{run["case"]: run for run in runs[first : first + len(CASES)]} for first in range(0, len(runs), len(CASES))]
     for pair in pairs:
         for case in CASES:
@@ -153,21 +153,21 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=0.025, help="erosion rate [m/s]")
     parser.add_argument("--repeat", type=int, default=2, help="runs of each case")
     parser.add_argument("--json", help="file for the numbers")
-    given = parser.parse_args()
-    choices = {"backend": given.backend, "device": given.device, "threads": given.threads}
+    options = parser.parse_args()
+    choices = {"backend": options.backend, "device": options.device, "threads": options.threads}
     watch, runs = Watch(), []
-    own = {"scan": ScanBackend, "hash": HashBackend}[given.backend]
+    own = {"scan": ScanBackend, "hash": HashBackend}[options.backend]
     for owner, name in ((ErodingBed, "update"), (Run, "go"), *((own, part) for part in PARTS)):
         watch.wrap(owner, name)
     for case in CASES:
-        measure(watch, 2000, 1.0, case, given.rate, choices)  # compiles
-    print("wall times" if given.device.startswith("cuda") else "processor times", "without setup; ns/ps: by particle and substep")
+        measure(watch, 2000, 1.0, case, options.rate, choices)  # compiles
+    print("wall times" if options.device.startswith("cuda") else "processor times", "without setup; ns/ps: by particle and substep")
     print(HEAD, " ".join(f"{part:>12}" for part in PARTS))
-    for particles in given.particles:
-        runs += compare(watch, particles, given, choices)
-    if given.json:
-        record = {"version": runout.__version__, **choices, "end": given.end, "rate": given.rate, "runs": runs}
-        Path(given.json).write_text(json.dumps(record, indent=1), encoding="utf-8")
+    for particles in options.particles:
+        runs += compare(watch, particles, options, choices)
+    if options.json:
+        record = {"version": runout.__version__, **choices, "end": options.end, "rate": options.rate, "runs": runs}
+        Path(options.json).write_text(json.dumps(record, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

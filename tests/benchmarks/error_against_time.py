@@ -46,8 +46,8 @@ class Point:
     def described(self) -> dict[str, Any]:
         """The shortest run, ready for JSON."""
         best = min(self.outcomes, key=lambda o: o.seconds)
-        found = {name: None if value != value else value for name, value in asdict(best).items()}  # JSON has no nan
-        return {"grid": self.grid, "cell": self.problem.cell(self.grid), "runs": len(self.outcomes), **found}
+        content = {name: None if value != value else value for name, value in asdict(best).items()}  # JSON has no nan
+        return {"grid": self.grid, "cell": self.problem.cell(self.grid), "runs": len(self.outcomes), **content}
 
 
 def measured(
@@ -188,7 +188,7 @@ def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
 
 def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
     """Work and time of every variation relative to the defaults at equal error; geometric means."""
-    base, found = curves[BASE.name], {}
+    base, factors = curves[BASE.name], {}
     for name, curve in curves.items():
         ratios: dict[str, list[float]] = {}
         for cost in ("particle_steps", "seconds"):
@@ -197,5 +197,5 @@ def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict
                 if other is not None:
                     ratios.setdefault(cost, []).append(other / point[cost])
         means = {cost: float(np.exp(np.mean(np.log(values)))) for cost, values in ratios.items()}
-        found[name] = {**means, "errors": len(next(iter(ratios.values()), []))}
-    return found
+        factors[name] = {**means, "errors": len(next(iter(ratios.values()), []))}
+    return factors

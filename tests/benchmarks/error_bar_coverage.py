@@ -97,8 +97,8 @@ def finished(task: Task, folder: Path) -> Run:
     """The run of a task, read once."""
     with np.load(folder / task.path) as content:
         maps = {name: content[name] for name in KEPT}
-        found = json.loads(str(content["quantities"]))
-        return Run(task.ratio, found, maps, float(content["seconds"]), int(content["particles"]))
+        quantities = json.loads(str(content["quantities"]))
+        return Run(task.ratio, quantities, maps, float(content["seconds"]), int(content["particles"]))
 
 
 def engines(plans: Mapping[Any, Sequence[Task]], folder: Path) -> str:
@@ -153,13 +153,13 @@ def avakot_site() -> dict[str, Any]:
 
 def tasks(cases: Sequence[str], cells: Sequence[float], truth: float, **run: Any) -> dict[tuple[str, float, float], list[Task]]:
     """Runs by site, friction [deg] and cells through the thickness; those of the true value have the cells of ``truth``."""
-    found = {}
+    by_name = {}
     for site, angles in (case.split(":") for case in cases):
         for friction in map(float, angles.split(",")):
-            found[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
+            by_name[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
             for through in cells:
-                found[site, friction, through] = [Task(site, friction, through, ratio, number, **run) for ratio, number in plan()]
-    return found
+                by_name[site, friction, through] = [Task(site, friction, through, ratio, number, **run) for ratio, number in plan()]
+    return by_name
 
 
 def finish(plans: Mapping[Any, Sequence[Task]], folder: Path, processes: int) -> None:
@@ -207,8 +207,8 @@ def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]
             difference = abs(value - fine.quantities[name])
         if np.isfinite(difference) and bar.relative is not None:
             scale = abs(bar.fine) if bar.fine else 1.0
-            found = {"truth": value, "noise": noise / scale, "difference": float(difference / scale)}
-            yield {"quantity": name, **bar.as_dict(name), **found, "holds": bool(difference <= bar.error)}
+            entry = {"truth": value, "noise": noise / scale, "difference": float(difference / scale)}
+            yield {"quantity": name, **bar.as_dict(name), **entry, "holds": bool(difference <= bar.error)}
 
 
 def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[str]:
@@ -216,10 +216,10 @@ def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: f
     for safety, of_map, scatters, share in product((1.0, 1.25, 1.5), (1.25, 1.5, 1.75, 2.0), (1.0, 2.0), (0.25, 0.35, 0.45, 0.6)):
         with patch.multiple(numerical_error, SAFETY=safety, MAP_SAFETY=of_map, SCATTERS=scatters, SHARE=share):
             cases = list(cases_of(plans, truth, folder))
-        found, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
+        content, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
         sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
         chosen = f"SAFETY {safety:g} MAP_SAFETY {of_map:g} SCATTERS {scatters:g} SHARE {share:g}"
-        yield f"{chosen}: {found['holds']:.3f} ({', '.join(sites)}), ratio {found['ratio']:.2f}"
+        yield f"{chosen}: {content['holds']:.3f} ({', '.join(sites)}), ratio {content['ratio']:.2f}"
 
 
 def expected_errors(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -257,9 +257,9 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
     parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
     parser.add_argument("--end-time", type=float, default=END_TIME)
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    chosen = parser.parse_args(given)
-    chosen.options = " ".join(given).replace(str(chosen.out), "DIR")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = parser.parse_args(words)
+    chosen.options = " ".join(words).replace(str(chosen.out), "DIR")
     chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
     run = {name: getattr(chosen, name) for name in ("end_time", "backend", "device")}
     named, cells = chosen.cases or (SMALL if chosen.small else CASES), chosen.cells or (SMALL_CELLS if chosen.small else CELLS)

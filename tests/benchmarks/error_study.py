@@ -31,10 +31,10 @@ def kept(folder: Path, make: Callable[..., Rows], *key: str) -> Rows:
     if path.is_file():
         return json.loads(path.read_text(encoding="utf-8"))["entries"]  # type: ignore[no-any-return]
     started = time.perf_counter()
-    found = make(folder, *key)
-    write_json({"entries": found}, path)
+    curve = make(folder, *key)
+    write_json({"entries": curve}, path)
     print(f"{path.stem}: {time.perf_counter() - started:.0f} s", flush=True)
-    return found
+    return curve
 
 
 def reference(folder: Path, problem: str) -> Rows:
@@ -54,8 +54,8 @@ def curve(folder: Path, problem: str, variation: str) -> Rows:
 
     p = _problem(problem)
     if p.site:
-        found = pickle.loads((folder / f"{problem}.pickle").read_bytes())
-        flows.at_reference = lambda *_: found  # type: ignore[assignment]
+        content = pickle.loads((folder / f"{problem}.pickle").read_bytes())
+        flows.at_reference = lambda *_: content  # type: ignore[assignment]
     points = study.points_of(p, [v for v in p.variations() if v.name == variation], True, study.REPEATS)
     p.measure(points[0].grid, points[0].variation)  # compiles
     study.in_turns(points, study.REPEATS)
@@ -108,8 +108,8 @@ def main() -> None:
         kept(folder, curve, name, "defaults") if not problems[name].site else kept(folder, reference, name)
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
         curves = run_parts(pool, folder, problems)
-    found = [assembled(p, {v.name: curves[name, v.name] for v in p.variations()}, None) for name, p in problems.items()]
-    content = recorded(found, full=True)
+    contents = [assembled(p, {v.name: curves[name, v.name] for v in p.variations()}, None) for name, p in problems.items()]
+    content = recorded(contents, full=True)
     print(rows(content))
     print(write_json(content, a.out / FILE))
 

@@ -39,8 +39,8 @@ def errors(site: str, backend: str, device: str) -> list[dict[str, Any]]:
     for cell in cells:
         result, _, wall = run(cell)
         work = {"particles": result.n_particles, "steps": result.steps, "seconds": wall - result.timing["setup"]}
-        found = {"error": distance(result, exact), "runout": runout_of(result, site), **work}
-        records.append({"problem": site, "cell": cell, "reference": finest, **found})
+        row = {"error": distance(result, exact), "runout": runout_of(result, site), **work}
+        records.append({"problem": site, "cell": cell, "reference": finest, **row})
         print(json.dumps(records[-1]), flush=True)
     return records
 

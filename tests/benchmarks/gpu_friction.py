@@ -51,9 +51,9 @@ def seconds_of_step(backend: Any, dt: float, steps: int) -> float:
 
 def measure(device: str, size: str) -> dict[str, Any]:
     """The record of a size."""
-    held = {law: prepared(device, size, friction) for law, friction in LAWS.items()}
-    turns = [{law: seconds_of_step(*one, STEPS[size]) for law, one in held.items()} for _ in range(TURNS)]
-    seconds = {law: statistics.median(turn[law] for turn in turns) for law in held}
+    batches = {law: prepared(device, size, friction) for law, friction in LAWS.items()}
+    turns = [{law: seconds_of_step(*one, STEPS[size]) for law, one in batches.items()} for _ in range(TURNS)]
+    seconds = {law: statistics.median(turn[law] for turn in turns) for law in batches}
     return {"name": size, "particles": 8 * int(np.prod(LAYERS[size])), "seconds_of_step": seconds}
 
 

@@ -40,9 +40,9 @@ def watched(call: Callable[..., Any], name: str = "") -> Callable[..., Any]:
     """The same call, noted when it is done."""
 
     def noted(*arguments: Any, **options: Any) -> Any:
-        found = call(*arguments, **options)
+        value = call(*arguments, **options)
         marked(name or arguments[0].key)
-        return found
+        return value
 
     return noted
 

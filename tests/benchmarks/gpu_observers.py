@@ -72,8 +72,8 @@ def measured(cell_size: float, finer: float, end_time: float, device: str, repea
     run = pair[0][1]
     return {
         "device": device, "cell_size": cell_size, "finer": finer, "particles": len(made[1]), "steps": run.engine.counters.steps,
-        "raster": [made[0].raster.rows, made[0].raster.columns], "looks": run.peaks.looks, "rows": len(run.ledger.time),
-        "cells_per_look": run.peaks.cells / run.peaks.looks, "seconds": observed, "seconds_unobserved": plain,
+        "raster": [made[0].raster.rows, made[0].raster.columns], "looks": run.peaks.observations, "rows": len(run.ledger.time),
+        "cells_per_look": run.peaks.cells / run.peaks.observations, "seconds": observed, "seconds_unobserved": plain,
         "share": 1.0 - plain / observed,
     }  # fmt: skip
 

@@ -46,8 +46,8 @@ def edited(site: str, folder: Path, **values: float) -> Path:
     shutil.copytree(ROOT / "sites" / site, copy, ignore=shutil.ignore_patterns("results"))
     text = (copy / "site.yaml").read_text()
     for name, value in values.items():
-        text, found = re.subn(rf"^(\s*{name}: )\S+", rf"\g<1>{value:g}", text, flags=re.MULTILINE)
-        assert found == 1, name
+        text, count = re.subn(rf"^(\s*{name}: )\S+", rf"\g<1>{value:g}", text, flags=re.MULTILINE)
+        assert count == 1, name
     (copy / "site.yaml").write_text(text)
     return copy
 
@@ -69,11 +69,11 @@ def members_alone(site: Path, device: str, workers: int) -> dict[str, Any]:
     out = site / f"members_{device.replace(':', '')}_{workers}"
     command = [sys.executable, "-c", ENSEMBLE, str(site), device, str(out), str(workers)]
     done = subprocess.run(command, capture_output=True, text=True)
-    found = re.search(r"seconds ([\d.]+) failed (\d+)", done.stdout)
+    match = re.search(r"seconds ([\d.]+) failed (\d+)", done.stdout)
     record = {"site": site.name, "device": device, "workers": workers, "exit": done.returncode, "stage": "members"}
-    if not found:
+    if not match:
         return record | {"output": (done.stdout + done.stderr)[-2000:]}
-    return record | {"ensemble_seconds": float(found[1]), "failed": int(found[2])} | of_members(out)
+    return record | {"ensemble_seconds": float(match[1]), "failed": int(match[2])} | of_members(out)
 
 
 def of_members(out: Path) -> dict[str, Any]:
@@ -89,25 +89,25 @@ def of_members(out: Path) -> dict[str, Any]:
 
 def differences(site: Path, device: str, maps: Path) -> dict[str, float]:
     """Relative L1 differences of the hazard maps, and of the largest forces on facades by member, from those of a CPU."""
-    found: dict[str, float] = {}
+    differences: dict[str, float] = {}
     for product in PRODUCTS:
         here, expected = site / f"results_{device.replace(':', '')}" / f"{product}.nc", kept(maps, site.name, product)
         if here.exists() and expected.exists():
-            found |= differences_of_file(here, expected)
-    return found
+            differences |= differences_of_file(here, expected)
+    return differences
 
 
 def spread(site: Path, device: str) -> dict[str, float]:
     """Largest relative L1 differences of products between the present run and a few more: a GPU adds in no fixed order."""
-    out, found = site / f"results_{device.replace(':', '')}", {}
+    out, runs = site / f"results_{device.replace(':', '')}", {}
     first = out.rename(out.with_name("first"))
     for _ in range(REPEATS):
         shutil.rmtree(out, ignore_errors=True)
         whole_run(site, device)
         for product in PRODUCTS:
             for name, difference in differences_of_file(out / f"{product}.nc", first / f"{product}.nc").items():
-                found[name] = max(difference, found.get(name, 0.0))
-    return found
+                runs[name] = max(difference, runs.get(name, 0.0))
+    return runs
 
 
 def kept(maps: Path, site: str, product: str) -> Path:
@@ -119,14 +119,14 @@ def differences_of_file(here: Path, expected: Path) -> dict[str, float]:
     """Relative L1 differences of the variables with two dimensions or more that two files share, of equal size."""
     from netCDF4 import Dataset
 
-    found = {}
+    rows = {}
     with Dataset(here) as a, Dataset(expected) as b:
         for name, values in b.variables.items():
             if values.ndim >= 2 and values.dtype.kind == "f" and name in a.variables and not name.startswith("elevation"):
                 x, y = (np.ma.filled(v[name][:].astype(float), 0.0) for v in (a, b))
                 if np.abs(y).sum() > 0 and x.shape == y.shape:
-                    found[name] = float(np.abs(x - y).sum() / np.abs(y).sum())
-    return found
+                    rows[name] = float(np.abs(x - y).sum() / np.abs(y).sum())
+    return rows
 
 
 def main() -> None:

@@ -57,10 +57,10 @@ def nanoseconds(backend: Any, dt: float, steps: int, most: int) -> float:
 
 def measure(device: str, size: str) -> dict[str, Any]:
     """The record of a size."""
-    held = {most: prepared(device, size, most) for most in SUBSTEPS}
-    turns = [{most: nanoseconds(*one, STEPS[size], most) for most, one in held.items()} for _ in range(TURNS)]
+    batches = {most: prepared(device, size, most) for most in SUBSTEPS}
+    turns = [{most: nanoseconds(*one, STEPS[size], most) for most, one in batches.items()} for _ in range(TURNS)]
     found = {most: statistics.median(turn[most] for turn in turns) for most in SUBSTEPS}
-    each = {most: one.memory_bytes() / one.parts.store.n for most, (one, _) in held.items()}
+    each = {most: one.memory_bytes() / one.parts.store.n for most, (one, _) in batches.items()}
     return {"name": size, "particles": 8 * int(np.prod(LAYERS[size])), "nanoseconds": found, "bytes_a_particle": each}
 
 
@@ -87,14 +87,14 @@ def velocities(engine: Any, most: int, number: int) -> np.ndarray:
 
 def parity(device: str) -> dict[str, float]:
     """Largest difference from the reference over the largest velocity, by what is compared."""
-    found = {}
+    errors = {}
     for number in SUBSTEPS:
         expected = velocities(get_backend("reference"), max(SUBSTEPS), number)
         for ordered in (False, True):
             got = velocities(get_backend("hash", device, deterministic=ordered), max(SUBSTEPS), number)
-            found[f"{number} substeps, {ordered=}"] = float(np.abs(got - expected).max() / np.abs(expected).max())
+            errors[f"{number} substeps, {ordered=}"] = float(np.abs(got - expected).max() / np.abs(expected).max())
     one, other = (velocities(get_backend("hash", device, deterministic=True), most, 1) for most in (1, max(SUBSTEPS)))
-    return found | {"1 substep of 4 over 1 of 1": float(np.abs(one - other).max())}
+    return errors | {"1 substep of 4 over 1 of 1": float(np.abs(one - other).max())}
 
 
 def main() -> None:

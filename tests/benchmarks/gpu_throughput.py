@@ -91,11 +91,11 @@ def loaded(device: str, scene: Scene, particles: Particles, deterministic: bool 
 
 def largest_difference(a: Particles, b: Particles) -> dict[str, float]:
     """Largest difference of each part of the state, relative to its largest value."""
-    found = {"position": float(np.abs((a.node - b.node) + (a.offset - b.offset)).max())}
+    largest = {"position": float(np.abs((a.node - b.node) + (a.offset - b.offset)).max())}
     for name in ("velocity", "affine", "strain"):
         x, y = getattr(a, name), getattr(b, name)
-        found[name] = float(np.abs(x - y).max() / np.abs(x).max())
-    return found
+        largest[name] = float(np.abs(x - y).max() / np.abs(x).max())
+    return largest
 
 
 def same_bits(a: Particles, b: Particles) -> bool:
@@ -105,7 +105,7 @@ def same_bits(a: Particles, b: Particles) -> bool:
 
 def check(device: str) -> dict[str, Any]:
     """Agreement with the CPU, repeatability, graph against no graph, and the budget of mass and energy, at 20 000 particles."""
-    found: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     scene, p = layer(25, 25, 4, "float64")
     for precision, steps in (("float64", 1), ("float64", 100), ("float32", 100)):
         ends = []
@@ -114,13 +114,13 @@ def check(device: str) -> dict[str, Any]:
             first = backend.ledger()
             backend.steps(0.5 * backend.stable_step(), steps)
             ends.append((backend.particles(), backend.ledger()))
-        found[f"{precision}, {steps} steps"] = largest_difference(ends[0][0], ends[1][0])
+        content[f"{precision}, {steps} steps"] = largest_difference(ends[0][0], ends[1][0])
     row = ends[1][1]
     assert row.contact_particles > 500, row.contact_particles
-    found["mass error"] = abs(row.mass + row.escaped_mass - p.mass.sum()) / p.mass.sum()
+    content["mass error"] = abs(row.mass + row.escaped_mass - p.mass.sum()) / p.mass.sum()
     parts = ("kinetic_energy", "potential_energy", "elastic_energy", "basal_dissipation", "plastic_dissipation")
     stored = [sum(getattr(r, part) for part in parts) for r in (first, row)]
-    found["energy not booked, of the kinetic"] = (stored[0] - stored[1]) / first.kinetic_energy
+    content["energy not booked, of the kinetic"] = (stored[0] - stored[1]) / first.kinetic_energy
     runs = []
     for graphs in (True, True, False):
         backend = loaded(device, replace(scene, precision="float32"), p, deterministic=True)
@@ -135,10 +135,10 @@ def check(device: str) -> dict[str, Any]:
     resumed.restore(half.parts.scenes.scenes[0], half.checkpoint())
     for backend in (whole, resumed):
         backend.steps(dt, 60)
-    found["goes on from a checkpoint bit by bit"] = same_bits(whole.particles(), resumed.particles())
-    found["repeats bit by bit"] = same_bits(runs[0], runs[1])
-    found["graph gives the bits of launches"] = same_bits(runs[0], runs[2])
-    return found
+    content["goes on from a checkpoint bit by bit"] = same_bits(whole.particles(), resumed.particles())
+    content["repeats bit by bit"] = same_bits(runs[0], runs[1])
+    content["graph gives the bits of launches"] = same_bits(runs[0], runs[2])
+    return content
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
@@ -307,16 +307,16 @@ def measure_spike(path: Path, device: str) -> dict[str, Any]:
     asked = [sys.executable, str(path), device]
     with subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) as program:
         for line in program.stdout or ():
-            found = re.search(r"10\.24 M particles.*p2g ([\d.]+) ms.*?step ([\d.]+) ms = ([\d.]+) G", line)
-            if found:
+            match = re.search(r"10\.24 M particles.*p2g ([\d.]+) ms.*?step ([\d.]+) ms = ([\d.]+) G", line)
+            if match:
                 program.kill()
                 break
         else:
             raise RuntimeError(f"{path} printed no line of 10.24 M particles")
     return {
-        "name": path.stem, "particles": 10_240_000, "particle_steps_per_second": 1e9 * float(found[3]), "precision": "float32",
+        "name": path.stem, "particles": 10_240_000, "particle_steps_per_second": 1e9 * float(match[3]), "precision": "float32",
         "graph": False, "deterministic": False, "control": True, "bytes_per_particle": None, "steps": 20,
-        "seconds": 20e-3 * float(found[2]), "stage_seconds": {"p2g": 1e-3 * float(found[1])},
+        "seconds": 20e-3 * float(match[2]), "stage_seconds": {"p2g": 1e-3 * float(match[1])},
     }  # fmt: skip
 
 

@@ -71,9 +71,9 @@ def folder_of(out: Path, variant: str) -> Path:
 
 def run_all(out: Path) -> None:
     """Run com1DFA with each variant that DIR does not hold; one process, one after the other."""
-    found = version("avaframe")
-    if found != AVAFRAME:
-        sys.exit(f"avaframe is {found}; the record is of {AVAFRAME}: pip install avaframe=={AVAFRAME}")
+    installed = version("avaframe")
+    if installed != AVAFRAME:
+        sys.exit(f"avaframe is {installed}; the record is of {AVAFRAME}: pip install avaframe=={AVAFRAME}")
     inputs = Path(os.environ.get("RUNOUT_DATA", ".")) / SITE
     if not inputs.is_dir():
         sys.exit(f"{inputs} is not there; set RUNOUT_DATA to the folder that holds {SITE}")
@@ -121,10 +121,10 @@ def configuration(inputs: Path, variant: Variant) -> Any:
     from avaframe.in3Utils import cfgUtils
 
     with open(only(inputs, "simulationParameterValues_*.csv"), encoding="utf-8") as file:
-        stated = next(csv.DictReader(file))
+        row = next(csv.DictReader(file))
     chosen = cfgUtils.getModuleConfig(com1DFA, onlyDefault=True, toPrint=False)
     chosen["GENERAL"].update(simTypeList="null", dam="False", frictModel="Voellmy", meshCellSize=f"{CELLS:g}", rho="200")
-    chosen["GENERAL"].update(muvoellmy=stated["mu"], xsivoellmy=stated["xi"], resType="|".join(("ppr", *PEAKS, *MAPS)))
+    chosen["GENERAL"].update(muvoellmy=row["mu"], xsivoellmy=row["xi"], resType="|".join(("ppr", *PEAKS, *MAPS)))
     chosen["GENERAL"].update(tSteps="|".join(f"{seconds:g}" for seconds in LOOKS), **variant.settings)
     return chosen
 
@@ -158,8 +158,8 @@ def scaled(original: Any, variant: Variant) -> Any:
 def plugged(original: Any) -> Any:
     """com1DFA's motion; then each section of :data:`CELLS` has its mean velocity towards the east."""
 
-    def moves(*given: Any, **choices: Any) -> Any:
-        particles = original(*given, **choices)
+    def moves(*arguments: Any, **choices: Any) -> Any:
+        particles = original(*arguments, **choices)
         section, mass, east = (particles["x"] / CELLS).astype(int), particles["m"], particles["ux"]
         mean = np.bincount(section, mass * east) / np.maximum(np.bincount(section, mass), 1e-9)
         moving = east > PLUGGED
@@ -207,9 +207,9 @@ def runout_numbers(inputs: Any, angle: float, law: Any) -> dict[str, Any]:
     from runout.studies.validation_cases.iseesnow import Variant as Choice
     from runout.studies.validation_cases.iseesnow_cases import LEVELLED
 
-    snow, looks = Choice(CELLS, LEVELLED, angle).snow, {"snapshot_times": LOOKS, "end_time": END, "threads": 1}
+    snow, control = Choice(CELLS, LEVELLED, angle).snow, {"snapshot_times": LOOKS, "end_time": END, "threads": 1}
     grid = {"cell_size": CELLS, "particles_per_cell": LEVELLED}
-    result = runout.simulate(inputs.terrain, inputs.release(polygon=False), snow, basal_friction=law, **grid, **looks)
+    result = runout.simulate(inputs.terrain, inputs.release(polygon=False), snow, basal_friction=law, **grid, **control)
     vertical = np.nan_to_num(result.snapshot_maps()["flow_thickness"].values)
     frames = [slope_normal_thickness(frame, np.nan_to_num(inputs.slope)) for frame in vertical]
     return {"friction_angle_deg": angle, **numbers(inputs, *inputs.peak_maps(result), frames)}
@@ -226,8 +226,8 @@ def record(out: Path) -> None:
     standard, whole = iseesnow.voellmy(inputs.mu, inputs.xi, "column"), WholeColumn(mu=inputs.mu, xi=inputs.xi)
     own = {STANDARD: runout_numbers(inputs, 30.0, standard)}
     own |= {f"whole column, {angle:g} deg": runout_numbers(inputs, angle, whole) for angle in ANGLES}
-    found = {"avaframe": AVAFRAME, "cells": CELLS, "looks": LOOKS, "com1dfa": runs, "runout": own}
-    OTHER.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    content = {"avaframe": AVAFRAME, "cells": CELLS, "looks": LOOKS, "com1dfa": runs, "runout": own}
+    OTHER.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     print(OTHER)
 
 

@@ -70,8 +70,8 @@ class CoarseMaps:
 
     def maps(self) -> dict[str, np.ndarray]:
         """The maps on the raster."""
-        terrain, found = arguments(SITE)["terrain"], self.peaks.maps()
-        return {name: terrain.where_known(found[name], 0.0) for name in PEAKS}
+        terrain, maps = arguments(SITE)["terrain"], self.peaks.maps()
+        return {name: terrain.where_known(maps[name], 0.0) for name in PEAKS}
 
 
 class WatchedRun(Run):
@@ -85,10 +85,10 @@ class WatchedRun(Run):
             one.observe(time, self)
 
 
-def both_reached(found: dict[str, np.ndarray], exact: dict[str, np.ndarray]) -> str:
+def both_reached(maps: dict[str, np.ndarray], exact: dict[str, np.ndarray]) -> str:
     """Bias [%] of speed where both maps have one."""
-    there = (found["max_speed"] > 0) & (exact["max_speed"] > 0)
-    return f"{100 * (found['max_speed'][there].sum() / exact['max_speed'][there].sum() - 1):+.1f}"
+    there = (maps["max_speed"] > 0) & (exact["max_speed"] > 0)
+    return f"{100 * (maps['max_speed'][there].sum() / exact['max_speed'][there].sum() - 1):+.1f}"
 
 
 def main() -> None:
@@ -102,9 +102,9 @@ def main() -> None:
     import runout.simulation.single
 
     runout.simulation.single.Run = WatchedRun  # type: ignore[misc]
-    found = simulate(**{**arguments(SITE), "cell_size": choices.finest, "threads": 1}).maps
+    default_maps = simulate(**{**arguments(SITE), "cell_size": choices.finest, "threads": 1}).maps
     runout.simulation.single.Run = Run  # type: ignore[misc]
-    exact = {name: np.nan_to_num(found[name].values) for name in PEAKS}
+    exact = {name: np.nan_to_num(default_maps[name].values) for name in PEAKS}
     print(f"| cell [m] | maps | {' | '.join(PEAKS)} | 0.1 m | 0.5 m | 1 m | speed where both |\n|{'---|' * (len(PEAKS) + 6)}")
     for cell, coarse in zip(choices.cells, WatchedRun.coarse, strict=True):
         own, estimated = maps(choices.out, SITE, cell), coarse.maps()

@@ -54,20 +54,20 @@ def maps(folder: Path, site: str, cell: float, angle: float | None = None) -> di
     member = {} if angle is None else {"basal_friction_angle": angle}
     file = folder / ("_".join([site, f"{cell:g}", *(f"{value:g}" for value in member.values())]) + ".npz")
     if not file.is_file():
-        found = runout.simulate(**{**arguments(site), **member, "cell_size": cell, "threads": 1}).maps
+        maps = runout.simulate(**{**arguments(site), **member, "cell_size": cell, "threads": 1}).maps
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(file, **{name: np.nan_to_num(found[name].values) for name in (*PEAKS, "deposit_thickness")})
+        np.savez_compressed(file, **{name: np.nan_to_num(maps[name].values) for name in (*PEAKS, "deposit_thickness")})
         print(f"{site} {cell:g} m", flush=True)
     return dict(np.load(file))
 
 
-def row(found: dict[str, np.ndarray], exact: dict[str, np.ndarray]) -> str:
+def row(maps: dict[str, np.ndarray], exact: dict[str, np.ndarray]) -> str:
     """Relative L1 and bias [%] of each peak, and errors of the areas [%]."""
     errors = []
     for name in PEAKS:
-        off, total = found[name] - exact[name], exact[name].sum()
+        off, total = maps[name] - exact[name], exact[name].sum()
         errors.append(f"{100 * np.abs(off).sum() / total:.1f} ({100 * off.sum() / total:+.1f})")
-    counts = [[int((m[PEAKS[0]] > level).sum()) for level in LEVELS] for m in (found, exact)]
+    counts = [[int((m[PEAKS[0]] > level).sum()) for level in LEVELS] for m in (maps, exact)]
     return " | ".join([*errors, *(f"{100 * (a / b - 1):+.1f}" for a, b in zip(*counts, strict=True))])
 
 
@@ -84,9 +84,9 @@ def print_probabilities(folder: Path) -> None:
     print(f"\n{OF_MEMBERS}, {len(ANGLES)} members, against {finest:g} m\n\n| cell [m] | level [m] | L1 (bias) | any | half |")
     print("|" + "---|" * 5)
     for cell in others:
-        for level, found, fine in zip(LEVELS_OF_MEMBERS, probabilities(folder, cell), exact, strict=True):
-            off = f"{100 * np.abs(found - fine).sum() / fine.sum():.1f} ({100 * (found - fine).sum() / fine.sum():+.1f})"
-            areas = [f"{100 * ((found >= least).sum() / (fine >= least).sum() - 1):+.1f}" for least in (0.5 / len(ANGLES), 0.5)]
+        for level, share, fine in zip(LEVELS_OF_MEMBERS, probabilities(folder, cell), exact, strict=True):
+            off = f"{100 * np.abs(share - fine).sum() / fine.sum():.1f} ({100 * (share - fine).sum() / fine.sum():+.1f})"
+            areas = [f"{100 * ((share >= least).sum() / (fine >= least).sum() - 1):+.1f}" for least in (0.5 / len(ANGLES), 0.5)]
             print(f"| {cell:g} | {level:g} | {off} | {' | '.join(areas)} |", flush=True)
 
 
@@ -97,13 +97,13 @@ def main() -> None:
     parser.add_argument("--against", type=Path)
     parser.add_argument("--site", choices=SPACINGS, nargs="*", default=list(SPACINGS))
     parser.add_argument("--probability", action="store_true")
-    stated = parser.parse_args()
-    if stated.probability:
-        return print_probabilities(stated.out)
-    for site in stated.site:
+    options = parser.parse_args()
+    if options.probability:
+        return print_probabilities(options.out)
+    for site in options.site:
         finest, cells = SPACINGS[site]
-        exact = maps(stated.out, site, finest)
-        for folder in filter(None, (stated.out, stated.against)):
+        exact = maps(options.out, site, finest)
+        for folder in filter(None, (options.out, options.against)):
             print(f"\n{site}, {folder.name}, against {finest:g} m\n\n| cell [m] | {' | '.join(PEAKS)} | 0.1 m | 0.5 m | 1 m |")
             print("|" + "---|" * (len(PEAKS) + 4))
             for cell in cells:

@@ -123,8 +123,8 @@ def block_layout(node: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.nda
     by_key = np.argsort(blocks)
     up = by_key[np.searchsorted(blocks[by_key], owners[:, None] + _key(UP))].astype(np.int32)
     below = blocks[:, None] - _key(UP)
-    found = np.minimum(np.searchsorted(owners, below), len(owners) - 1)
-    down = np.where(owners[found] == below, found, -1).astype(np.int32)
+    number = np.minimum(np.searchsorted(owners, below), len(owners) - 1)
+    down = np.where(owners[number] == below, number, -1).astype(np.int32)
     place = np.searchsorted(owners, key) * 64 + cell
     return order, (up, down, np.searchsorted(place[order], np.arange(len(owners) * 64 + 1)))
 

@@ -58,7 +58,7 @@ def measured(device: str = "cpu", full: bool = False) -> dict[str, Any]:
         If there is no such device.
     """
     place = find_device(device)
-    found: dict[str, Any] = {
+    content: dict[str, Any] = {
         "schema": SCHEMA,
         "full": full,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -70,9 +70,9 @@ def measured(device: str = "cpu", full: bool = False) -> dict[str, Any]:
     parts = planned(place, full)
     with log.progress("published") as bar:
         for done, (name, run) in enumerate(parts.items(), 1):
-            found[name] = run()
+            content[name] = run()
             bar(done / len(parts))
-    return found
+    return content
 
 
 def main(arguments: Sequence[str] | None = None) -> Path:
@@ -82,10 +82,10 @@ def main(arguments: Sequence[str] | None = None) -> Path:
     parser.add_argument("--full", action="store_true", help="the sizes of the documentation (half an hour)")
     parser.add_argument("--device", default="cpu")
     chosen = parser.parse_args(arguments)
-    found = measured(chosen.device, chosen.full)
-    for title, table in tables([found]):
+    content = measured(chosen.device, chosen.full)
+    for title, table in tables([content]):
         log.output().print(f"{title}\n\n{table}", end="\n\n", markup=False)
-    return write_json(found, chosen.out / (FILE if found["device"] == "cpu" else FILE_OF_A_CARD))
+    return write_json(content, chosen.out / (FILE if content["device"] == "cpu" else FILE_OF_A_CARD))
 
 
 if __name__ == "__main__":

@@ -145,8 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--workers", type=int, help="members that run at once")
     parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE", help="settings in place of those of site.yaml")
-    stated = list(sys.argv[1:] if arguments is None else arguments)
-    chosen = parser.parse_args(stated)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = parser.parse_args(words)
     logging.basicConfig(level=logging.ERROR)
     rows, seconds = [], {}
     for name in chosen.sites:
@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
         seconds[path.name] = round(time.perf_counter() - started, 1)
         rows += rows_of(*run, chosen.sizes)
         record = {"machine": machine(), "versions": versions(), "device": chosen.device, "members": chosen.members}
-        record |= {"options": " ".join(stated).replace(str(chosen.out), "DIR"), "seconds": seconds}
+        record |= {"options": " ".join(words).replace(str(chosen.out), "DIR"), "seconds": seconds}
         record |= {"bounds": BOUNDS, "summary": summary(rows, chosen.sizes), "rows": rows}
         write_json(record, chosen.out / f"{NAME}.json")
         write_text(table(rows), chosen.out / f"{NAME}.md")

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 
-def held(first: xr.DataArray, finer: xr.DataArray, error: xr.DataArray, least: float) -> tuple[float, float]:
+def coverage(first: xr.DataArray, finer: xr.DataArray, error: xr.DataArray, least: float) -> tuple[float, float]:
     """Share of the cells whose difference is within the bar, and median bar over median difference."""
     difference = np.abs(first.values - finer.values)
     reached = (first.values > least) | (finer.values > least)
@@ -25,13 +25,13 @@ def main(results: Path, finer: Path) -> None:
     """Print the mean thickness, then each probability of thickness."""
     with xr.open_dataset(results / "hazard.nc") as a, xr.open_dataset(finer / "hazard.nc") as b:
         names = "mean_flow_thickness", "flow_thickness_numerical_error"
-        share, ratio = held(a[names[0]], b[names[0]], a[names[1]], 0.05)
+        share, ratio = coverage(a[names[0]], b[names[0]], a[names[1]], 0.05)
         print(f"mean thickness: holds in {100 * share:.0f} % of the cells, median bar {ratio:.1f} times the median difference")
         for limit in a["thickness_threshold"].values:
             name = "thickness_exceedance_probability"
             maps = a[name], b[name], a[name.replace("probability", "numerical_error")]
             p, q, error = (values.sel(thickness_threshold=limit) for values in maps)
-            print(f"probability of {limit:g} m: holds in {100 * held(p, q, error, 0.0)[0]:.0f} % of the cells")
+            print(f"probability of {limit:g} m: holds in {100 * coverage(p, q, error, 0.0)[0]:.0f} % of the cells")
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ def follow(scene: Scene, particles: Particles, control: RunControl) -> Outcome:
     started, wall = time.process_time(), time.perf_counter()
     run.go()
     seconds, wall = time.process_time() - started, time.perf_counter() - wall
-    return Outcome(run.peaks.maps(), seconds, run.observing / wall, run.engine.counters.steps, run.peaks.looks)
+    return Outcome(run.peaks.maps(), seconds, run.observing / wall, run.engine.counters.steps, run.peaks.observations)
 
 
 def compared(scene: Scene, particles: Particles, control: RunControl, switch: Switch, repeats: int) -> dict[str, Any]:
@@ -175,8 +175,8 @@ def study(out: Path, *, repeats: int = REPEATS, checkpointed: int = CHECKPOINTED
         Particles of the layer whose checkpoint is measured.
     """
     scenes = {"flowing": jacksboro(*FLOWING), "resting": jacksboro(*RESTING)}
-    found = measure(scenes, repeats) | {"checkpoint": checkpoint_cost(checkpointed)}
-    return write_json(found, out / FILE)
+    content = measure(scenes, repeats) | {"checkpoint": checkpoint_cost(checkpointed)}
+    return write_json(content, out / FILE)
 
 
 if __name__ == "__main__":

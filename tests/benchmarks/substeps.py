@@ -65,18 +65,18 @@ def run(folder: Path, task: Task) -> dict[str, Any]:
     return dict(np.load(file))
 
 
-def row(task: Task, found: dict[str, Any], exact: dict[str, Any]) -> dict[str, Any]:
+def row(task: Task, numbers: dict[str, Any], exact: dict[str, Any]) -> dict[str, Any]:
     """Errors and cost of a run."""
     from tests.benchmarks.error_cases.terrains import site_arguments
 
     site, cell, substeps, seed = task
     size = site_arguments(site)["terrain"].cell_size
-    centres = [centre(one[MAPS[1]], size) for one in (found, exact)]
+    centres = [centre(one[MAPS[1]], size) for one in (numbers, exact)]
     return {
         "site": site, "cell": cell, "substeps": substeps, "seed": seed,
-        "peak": relative_l1(found[MAPS[0]], exact[MAPS[0]]), "deposit": relative_l1(found[MAPS[1]], exact[MAPS[1]]),
-        "centre": float(np.hypot(*(centres[0] - centres[1]))), "numerical": float(found["numerical"]),
-        "seconds": float(found["seconds"]), "particle_steps": int(found["particles"]) * int(found["steps"]),
+        "peak": relative_l1(numbers[MAPS[0]], exact[MAPS[0]]), "deposit": relative_l1(numbers[MAPS[1]], exact[MAPS[1]]),
+        "centre": float(np.hypot(*(centres[0] - centres[1]))), "numerical": float(numbers["numerical"]),
+        "seconds": float(numbers["seconds"]), "particle_steps": int(numbers["particles"]) * int(numbers["steps"]),
     }  # fmt: skip
 
 
@@ -103,8 +103,8 @@ def main() -> None:
     everything = sorted({*tasks, *finest}, key=lambda t: t[1] / CELLS[t[0]][-1])
     engine = {"backend": chosen.backend, "device": chosen.device}
     with ProcessPoolExecutor(chosen.processes, get_context("spawn"), choose, (engine,)) as pool:
-        found = dict(zip(everything, pool.map(run, [chosen.out] * len(everything), everything), strict=True))
-    rows = [row(t, found[t], found[t[0], CELLS[t[0]][-1], OF_REFERENCE, 0]) for t in everything if t not in finest[::2]]
+        outcomes = dict(zip(everything, pool.map(run, [chosen.out] * len(everything), everything), strict=True))
+    rows = [row(t, outcomes[t], outcomes[t[0], CELLS[t[0]][-1], OF_REFERENCE, 0]) for t in everything if t not in finest[::2]]
     rows.sort(key=lambda r: (r["site"], -r["cell"], r["substeps"], r["seed"]))
     record = {"versions": versions(), "machine": machine(), "engine": engine, "runs": rows}
     print(write_json(record, chosen.out / "substeps.json"))

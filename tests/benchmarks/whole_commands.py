@@ -113,8 +113,8 @@ def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1
         text = re.sub(r"^ *youngs_modulus:.*\n", "", text, flags=re.MULTILINE)
     if version == "after" and case.particles:
         text = text.replace("simulation: {", f"simulation: {{particles_per_cell: {case.particles}, ")
-    stated = case.cell_after if version == "after" and case.cell_after else case.cell
-    cell = (stated or float(re.findall(r"cell_size: ([\d.]+)", text)[0])) / finer
+    size = case.cell_after if version == "after" and case.cell_after else case.cell
+    cell = (size or float(re.findall(r"cell_size: ([\d.]+)", text)[0])) / finer
     text = re.sub(r"cell_size: [\d.]+", f"cell_size: {cell:g}", text)
     text = re.sub(r"^budget: .*$", "", text, flags=re.MULTILINE)
     (copy / "site.yaml").write_text(text)
@@ -206,22 +206,22 @@ class Study:
         """The first run, with empty folders of kernels, of both versions side by side where the machine has two lanes."""
         lanes = (self.lanes * len(VERSIONS))[: len(VERSIONS)]
         with ThreadPoolExecutor(min(len(VERSIONS), len(self.lanes))) as pool:
-            found = list(pool.map(lambda v: self.run(FIRST, *v), zip(VERSIONS, lanes, strict=True)))
-        return [{"case": FIRST.name, **dict(zip(VERSIONS, found, strict=True))}]
+            runs = list(pool.map(lambda v: self.run(FIRST, *v), zip(VERSIONS, lanes, strict=True)))
+        return [{"case": FIRST.name, **dict(zip(VERSIONS, runs, strict=True))}]
 
     def pairs(self, case: Case, cores: tuple[int, ...]) -> list[dict[str, Any]]:
         """Runs of both versions in turns."""
         if case.command == "aggregate":
             for version in VERSIONS:
                 self.write_members(version)
-        found = []
+        rows = []
         for turn in range(self.a.pairs):
             if turn and time.perf_counter() - self.started > self.a.last_start:
                 break
             order = VERSIONS if turn % 2 == 0 else VERSIONS[::-1]
-            found.append({"case": case.name, **{version: self.run(case, version, cores) for version in order}})
-            print(json.dumps(found[-1]), flush=True)
-        return found
+            rows.append({"case": case.name, **{version: self.run(case, version, cores) for version in order}})
+            print(json.dumps(rows[-1]), flush=True)
+        return rows
 
     def of_lane(self, cases: list[Case], cores: tuple[int, ...]) -> list[dict[str, Any]]:
         """Runs of the cases that share a lane, one after the other."""
@@ -229,7 +229,7 @@ class Study:
 
     def references(self) -> dict[str, dict[str, Path]]:
         """Results with half the cells by each version on the device, by case."""
-        found: dict[str, dict[str, Path]] = {}
+        paths: dict[str, dict[str, Path]] = {}
         for case in (c for c in CASES if c.has_error and c.name in self.a.cases):
             for version in VERSIONS:
                 site = site_of(replace(case, particles=""), version, self.roots["before"], self.folder, 2.0)
@@ -237,16 +237,16 @@ class Study:
                 done = timed(command, self.roots[version], self.lanes[-1], self.cache(version))
                 print("reference", case.name, version, json.dumps(done), flush=True)
                 if not done["exit"]:
-                    found.setdefault(case.name, {})[version] = site / "results"
-        return found
+                    paths.setdefault(case.name, {})[version] = site / "results"
+        return paths
 
     def errors(self, case: Case, references: dict[str, Path]) -> dict[str, dict[str, float]]:
         """Errors of each version against the reference of each version."""
-        found: dict[str, dict[str, float]] = {}
+        differences: dict[str, dict[str, float]] = {}
         for version in VERSIONS:
             results = site_folder(case, version, self.folder) / "results"
-            found[version] = {name: error(results, path) for name, path in references.items()}
-        return found
+            differences[version] = {name: error(results, path) for name, path in references.items()}
+        return differences
 
     def record(self) -> dict[str, Any]:
         """Everything, as JSON."""

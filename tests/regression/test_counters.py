@@ -93,7 +93,7 @@ def observed(finer):
     run = Run(get_backend("scan", "cpu", 1), replace(scene, raster=raster), control, None, None)
     run.start(particles)
     run.go()
-    return run.peaks.looks, run.peaks.cells / run.peaks.looks, len(run.ledger.time)
+    return run.peaks.observations, run.peaks.cells / run.peaks.observations, len(run.ledger.time)
 
 
 def test_what_an_observation_touches_does_not_follow_the_raster():

@@ -45,7 +45,7 @@ def write_run(path, elevation, **maps):
 
 def scored(first, second, **options):
     """Scores of one file against another by what is scored and the name, and the counts behind them."""
-    found = scores.compare(first, second, scores.Choices(**options)).found
+    found = scores.compare(first, second, scores.Choices(**options)).assessment
     return {(score.of, score.name): score.value for score in found.scores}, found.counts
 
 
@@ -309,7 +309,7 @@ def test_scores_without_a_value_say_why_and_no_line_holds_nan(tmp_path):
     from runout.workflow.comparison import lines
 
     a, b = write(tmp_path / "deposit.tif", cells(4, 4, r0c0=2.0)), write(tmp_path / "deposit_observed.tif", np.zeros((4, 4)))
-    found = scores.compare(a, b, scores.Choices(thresholds=(0.5,))).found
+    found = scores.compare(a, b, scores.Choices(thresholds=(0.5,))).assessment
     told = list(lines(found))
     assert told[0] == "deposit of 0.5 m: CSI 0, FAR 1, agreement within a cell 0; undefined: POD, area bias (no observed area)"
     assert "; undefined: volume bias (no observed volume); relative L1 (all observed values are 0 or unknown)" in told[1]

@@ -190,7 +190,7 @@ def test_an_ensemble_is_scored_by_its_members_and_by_what_a_share_of_them_reache
     csi = {member.number: next(s.value for s in member.scores if s.name == "csi") for member in comparison.members}
     marker = 1  # a cell of all members
     assert csi == pytest.approx({0: marker / (8 * 15 + marker), 1: 1.0, 2: (8 * 15 + marker) / (12 * 15 + marker)})
-    values = {(score.of, score.name): score.value for score in comparison.found.scores}
+    values = {(score.of, score.name): score.value for score in comparison.assessment.scores}
     group = "flow of 1.5 m with P >= 0.5"
     assert values[group, "csi"] == 1.0
     p = np.array([2 / 3] * (8 * 15) + [1 / 3] * (4 * 15) + [1.0])
@@ -198,7 +198,7 @@ def test_an_ensemble_is_scored_by_its_members_and_by_what_a_share_of_them_reache
     assert values[group, "brier"] == pytest.approx(np.mean((p - reached) ** 2))
     assert (comparison.of_ensemble, comparison.quantities) == (0, comparison.quantities)
     likely = scores.compare(products.results, second_member, scores.Choices(thresholds=(1.5,), probability=0.05))
-    values = {(score.of, score.name): score.value for score in likely.found.scores}
+    values = {(score.of, score.name): score.value for score in likely.assessment.scores}
     assert values["flow of 1.5 m with P >= 0.05", "csi"] == pytest.approx((8 * 15 + marker) / (12 * 15 + marker))
 
 
@@ -231,9 +231,9 @@ def test_two_members_are_compared_cell_by_cell_without_members(products):
 def test_both_ensembles_are_compared_by_percentiles_with_a_sentence(products):
     comparison = scores.compare(products.results, products.results, scores.Choices())
     assert any(sentence.startswith("both are ensembles: compared are the percentiles") for sentence in comparison.changes)
-    assert {score.value for score in comparison.found.scores if score.name == "csi"} == {1.0}
+    assert {score.value for score in comparison.assessment.scores if score.name == "csi"} == {1.0}
     assert comparison.members == ()
-    assert "volume_bias" not in {score.name for score in comparison.found.scores}
+    assert "volume_bias" not in {score.name for score in comparison.assessment.scores}
 
 
 def test_a_thalweg_is_turned_downhill_also_on_ground_that_is_known_in_part(tmp_path):
@@ -247,7 +247,7 @@ def test_a_thalweg_is_turned_downhill_also_on_ground_that_is_known_in_part(tmp_p
     comparison = scores.compare(*maps, choices)
     assert any("the line runs uphill, from 2 to 19 m; it is read from its other end." in note for note in comparison.changes)
     assert comparison.setting.thalweg.points[0, 0] < comparison.setting.thalweg.points[-1, 0]
-    (counts,) = [counts for counts in comparison.found.counts.values() if "modelled_front_m" in counts]
+    (counts,) = [counts for counts in comparison.assessment.counts.values() if "modelled_front_m" in counts]
     assert counts["modelled_front_m"] == pytest.approx(130.0)
 
 

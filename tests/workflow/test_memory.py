@@ -66,7 +66,7 @@ def test_release_of_single_cells_between_the_places_that_are_looked_at_is_counte
     _, particles = build_scene(terrain, release, SAND, 20.0, Numerics(cell_size=2.0, particles_per_cell=8), accept=seen.append)
     (extent,) = seen
     assert extent.particles == pytest.approx(len(particles), rel=0.2)
-    assert 4 <= extent.held <= 60
+    assert 4 <= extent.occupied <= 60
 
 
 @pytest.mark.parametrize("friction", [Voellmy(mu=0.2, xi=1000.0), VoellmyBase(mu=0.2, xi=1000.0)], ids=["column", "base"])

@@ -102,8 +102,8 @@ class Watch:
     @property
     def broken(self) -> list[str]:
         """Violated invariants with their measured values."""
-        found = [f"{self.not_finite} is not finite"] if self.not_finite else []
-        return found + [f"{name} {self.worst[name]:.3g}" for name, limit in LIMITS.items() if not self.worst[name] <= limit]
+        reasons = [f"{self.not_finite} is not finite"] if self.not_finite else []
+        return reasons + [f"{name} {self.worst[name]:.3g}" for name, limit in LIMITS.items() if not self.worst[name] <= limit]
 
     def _keep(self, name: str, value: float) -> None:
         self.worst[name] = max(self.worst[name], value)

@@ -233,5 +233,5 @@ def _from_unit(u: np.ndarray) -> Layout:
         substeps=(1, 4, 16, 64)[int(u[1] * 16 % 1 * 4)],
         **_wet_and_eroding(u, h),
     )
-    held = 64 * np.prod(per_cell) * layout.thickness / layout.flatness
-    return layout if held <= LARGEST else replace(layout, per_cell=(1, 1, 1))
+    volume = 64 * np.prod(per_cell) * layout.thickness / layout.flatness
+    return layout if volume <= LARGEST else replace(layout, per_cell=(1, 1, 1))

@@ -95,8 +95,8 @@ def pressures_along(result: Result, snow: DruckerPrager, slope: np.ndarray) -> t
     change = strain[:, :3].sum(axis=1)
     pressure = -2 * shear * (along - change / 3) - bulk * change
     hydrostatic = layer_pressure(east, north, volume, snow.density) * cosine**2
-    ahead = east > np.median(east)
-    front, rear = (float((volume * pressure)[half].sum() / (volume * hydrostatic)[half].sum()) for half in (ahead, ~ahead))
+    eastern = east > np.median(east)
+    front, rear = (float((volume * pressure)[half].sum() / (volume * hydrostatic)[half].sum()) for half in (eastern, ~eastern))
     return front, rear
 
 

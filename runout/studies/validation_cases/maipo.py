@@ -246,9 +246,9 @@ def measure(full: bool) -> dict[str, Any]:
 def _lines(results: Mapping[str, Any]) -> list[str]:
     """Rows to print."""
     rows = []
-    for family, found in results["families"].items():
-        errors = [abs(row["length_error"]) for row in found["left_out"]]
-        csi = [row["csi"] for row in found["left_out"]]
+    for family, family_results in results["families"].items():
+        errors = [abs(row["length_error"]) for row in family_results["left_out"]]
+        csi = [row["csi"] for row in family_results["left_out"]]
         rows.append(f"  {family}: left out, mean CSI {np.mean(csi):.2f}, mean error of the length {np.mean(errors):.2f}")
     errors = [abs(flow["empirical"]["length_error"]) for flow in results["flows"]]
     return [*rows, f"  mean slope of reach of the others: mean error of the length {np.mean(errors):.2f}"]

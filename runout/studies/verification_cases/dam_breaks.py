@@ -110,16 +110,16 @@ def measure_dry(full: bool) -> list[Result]:
 
 def measure_wet(full: bool) -> list[Result]:
     """Stoker's dam break onto two fifths of the depth: middle state, shock, thickness."""
-    ahead, reservoir, results = 0.4, 7.0, list[Result]()
+    wet_depth, reservoir, results = 0.4, 7.0, list[Result]()
     for cells in (10, 20) if full else (5,):
         h, end = DEPTH / cells, 6.0 * np.sqrt(DEPTH / GRAVITY)
         scene = flow.level_scene(h, (WIDE, 0.0), fluid(DEPTH), 0.0)
         plane = flow.rectangle(2 * (reservoir + 13.0), DEPTH, h, WIDE / 2 - reservoir - 13.0)
         high = np.abs(plane[:, 0] - WIDE / 2) < reservoir
-        plane, surface = plane[high | (plane[:, 1] < ahead)], np.where(high, DEPTH, ahead)[high | (plane[:, 1] < ahead)]
+        plane, surface = plane[high | (plane[:, 1] < wet_depth)], np.where(high, DEPTH, wet_depth)[high | (plane[:, 1] < wet_depth)]
         frame = released(plane, surface, scene, (end,), 40)[-1]
         away = from_the_dam(scene, reservoir)
-        exact = wet_dam_break(away, end, DEPTH, ahead)
+        exact = wet_dam_break(away, end, DEPTH, wet_depth)
         near = away < 8.5  # beyond, the shallow side runs out at its free end
         thickness = frame.thickness[0]
         flat = (away > 1.0) & (away < 5.0)
@@ -149,9 +149,9 @@ def measure_slope(full: bool) -> list[Result]:
     exact, _ = dam_break(away, end, DEPTH, SLOPE, BED)
     front = away > -1.1 * spans * DEPTH
     x = frame.particles.position(np.array(scene.spacing))[:, 0] - dam
-    ahead = x > -1.1 * spans * DEPTH
+    wet = x > -1.1 * spans * DEPTH
     mass = np.where(front, exact, 0.0)
-    computed, place = fronts(frame, mass, away, x[ahead])
+    computed, place = fronts(frame, mass, away, x[wet])
     name = f"{cells} cells, t = {end:.2g} s"
     return [
         Bound(f"thickness, relative L2, {name}", relative(frame.thickness[0][front], exact[front], 2), 0.12),

@@ -38,25 +38,25 @@ def earth_pressure(internal_deg: float, friction_deg: float) -> float:
     return float(2 * (1 - np.sqrt(1 - c * (1 + t))) / c - 1)
 
 
-def wet_dam_break(x: np.ndarray, time: float, depth: float, ahead: float) -> np.ndarray:
-    """Thickness (n,) [m] of a dam break at x = 0 onto water ``ahead`` [m] deep; Stoker 1957, Water Waves, sec. 10.8."""
-    middle, speed, shock = wet_middle_state(depth, ahead)
+def wet_dam_break(x: np.ndarray, time: float, depth: float, wet_depth: float) -> np.ndarray:
+    """Thickness (n,) [m] of a dam break at x = 0 onto water ``wet_depth`` [m] deep; Stoker 1957, Water Waves, sec. 10.8."""
+    middle, speed, shock = wet_middle_state(depth, wet_depth)
     wave, x = np.sqrt(GRAVITY * depth), np.asarray(x, float)
     fan = (2 * wave - x / time) ** 2 / (9 * GRAVITY)
     tail = (speed - np.sqrt(GRAVITY * middle)) * time
-    return np.where(x <= -wave * time, depth, np.where(x < tail, fan, np.where(x < shock * time, middle, ahead)))
+    return np.where(x <= -wave * time, depth, np.where(x < tail, fan, np.where(x < shock * time, middle, wet_depth)))
 
 
-def wet_middle_state(depth: float, ahead: float) -> tuple[float, float, float]:
+def wet_middle_state(depth: float, wet_depth: float) -> tuple[float, float, float]:
     """Thickness [m] and speed [m/s] between rarefaction and shock, and the speed of the shock [m/s]."""
 
     def mismatch(h: float) -> float:
-        shocked = (h - ahead) * np.sqrt(GRAVITY * (h + ahead) / (2 * h * ahead))
+        shocked = (h - wet_depth) * np.sqrt(GRAVITY * (h + wet_depth) / (2 * h * wet_depth))
         return float(2 * (np.sqrt(GRAVITY * depth) - np.sqrt(GRAVITY * h)) - shocked)
 
-    middle = brentq(mismatch, ahead, depth)
+    middle = brentq(mismatch, wet_depth, depth)
     speed = 2 * (np.sqrt(GRAVITY * depth) - np.sqrt(GRAVITY * middle))
-    return middle, speed, middle * speed / (middle - ahead)
+    return middle, speed, middle * speed / (middle - wet_depth)
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ def strip(cells: int, v: Variation) -> Outcome:
     march = March(scene, p, v, SLICE)
     march.until(spreading_cap.END)
     x = columns(scene) - spreading_cap.START
-    found = march.engine.columns().volume[0] / (scene.spacing[0] * flow.ACROSS * scene.spacing[1])
+    thickness = march.engine.columns().volume[0] / (scene.spacing[0] * flow.ACROSS * scene.spacing[1])
     exact = cap.thickness(x, np.zeros(1), spreading_cap.END)
     front = np.quantile(march.positions()[:, 0], 0.99) - spreading_cap.START
-    return march.outcome(relative(found, exact, 2), float(front))
+    return march.outcome(relative(thickness, exact, 2), float(front))
 
 
 def rods(cells: int, v: Variation) -> Outcome:
@@ -49,9 +49,9 @@ def rods(cells: int, v: Variation) -> Outcome:
     flow.press(p, depth, scene, column_collapse.AT_REST)
     march = March(scene, p, v, SLICE)
     march.until(RODS_TIME)
-    x, found = columns(scene) - wide / 2, march.engine.columns().volume[0] / (flow.ACROSS * h**2)
-    found = 0.5 * (found + found[::-1])
-    off = np.interp(experiment[:, 0], x[x > 0], found[x > 0]) - experiment[:, 1]
+    x, thickness = columns(scene) - wide / 2, march.engine.columns().volume[0] / (flow.ACROSS * h**2)
+    thickness = 0.5 * (thickness + thickness[::-1])
+    off = np.interp(experiment[:, 0], x[x > 0], thickness[x > 0]) - experiment[:, 1]
     front = np.quantile(np.abs(march.positions()[:, 0] - wide / 2), 0.99)
     return march.outcome(np.sqrt(np.mean(off**2)) / column_collapse.HEIGHT, float(front))
 
@@ -61,10 +61,10 @@ def flowed(cell: float, v: Variation, site: str = SITE) -> tuple[Result, float, 
     changed = {name: value for name, value in v.arguments.items() if name not in ("flat", *MATERIAL)}
     high = cell / v.arguments.get("flat", 1.0)
     particles = None if v.upwards is None else v.particles
-    given = {"particles_per_cell": particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
+    settings = {"particles_per_cell": particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
     stiffness = {name: value for name, value in v.arguments.items() if name in MATERIAL}
-    given |= {"material": replace(site_arguments(site)["material"], **stiffness)} if stiffness else {}
-    arguments = {**site_arguments(site), "cell_size": (cell, cell, high), **given}
+    settings |= {"material": replace(site_arguments(site)["material"], **stiffness)} if stiffness else {}
+    arguments = {**site_arguments(site), "cell_size": (cell, cell, high), **settings}
     started, processor = time.perf_counter(), time.process_time()
     result = simulate(**arguments)
     wall, processor = time.perf_counter() - started, time.process_time() - processor

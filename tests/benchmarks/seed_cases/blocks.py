@@ -15,7 +15,7 @@ class BlockCount:
 
     Attributes
     ----------
-    held : int
+    occupied : int
         Blocks that hold nodes: those with particles, and those that these reach.
     box : int
         Blocks of the box around them.
@@ -23,15 +23,15 @@ class BlockCount:
         Place of the first and of the last block of the box along each axis [blocks].
     """
 
-    held: int
+    occupied: int
     box: int
     low: tuple[int, ...] = ()
     high: tuple[int, ...] = ()
 
     @property
     def sparsity(self) -> float:
-        """Blocks of the box over blocks held [1]."""
-        return self.box / max(1, self.held)
+        """Blocks of the box over occupied blocks [1]."""
+        return self.box / max(1, self.occupied)
 
 
 def count_blocks(engine: Any) -> BlockCount:
@@ -50,6 +50,6 @@ def count_blocks(engine: Any) -> BlockCount:
 
 def box_of_run(counts: Sequence[BlockCount]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """First and last block along each axis of the box around all blocks of a run."""
-    filled = [count for count in counts if count.held]
+    filled = [count for count in counts if count.occupied]
     low, high = np.min([count.low for count in filled], axis=0), np.max([count.high for count in filled], axis=0)
     return tuple(low.tolist()), tuple(high.tolist())

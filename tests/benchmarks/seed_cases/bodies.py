@@ -20,9 +20,9 @@ def slides(full: bool) -> list[dict[str, Any]]:
 
 
 def _slide(plane: Plane) -> dict[str, Any]:
-    found = summary(plane, TIME)
+    numbers = summary(plane, TIME)
     exact, _ = sliding_block(TIME, plane.slope_deg, plane.friction)
-    return {"slope_deg": plane.slope_deg, "cell": plane.spacing, "rigid_block": float(exact), **found}
+    return {"slope_deg": plane.slope_deg, "cell": plane.spacing, "rigid_block": float(exact), **numbers}
 
 
 def collapses(full: bool) -> list[dict[str, Any]]:

@@ -37,14 +37,14 @@ def rung(sparsity: float, particles: int, device: str, repeats: int) -> dict[str
     """
     layer = Layer(particles, sparsity=sparsity, aligned=True)
     runs = _loaded([Case(layer, 1, kind, device, observed=False) for kind in INDEXES])
-    found: dict[str, Any] = {"sparsity": sparsity, "particles": runs[0].n}
+    row: dict[str, Any] = {"sparsity": sparsity, "particles": runs[0].n}
     for run, m in zip(runs, take_turns(runs, repeats), strict=True):
-        found[run.case.index] = {**_times(m), "bytes": m["memory"]["bytes"], "blocks": count_blocks(run.engine).held}
-    if "dense" in found:
-        found["measured_sparsity"] = found["dense"]["blocks"] / found["sparse"]["blocks"]
-        found["speed_up"] = found["dense"]["step"] / (found["sparse"]["step"] + found["sparse"]["index"])
-        found["memory_ratio"] = found["dense"]["bytes"] / found["sparse"]["bytes"]
-    return found
+        row[run.case.index] = {**_times(m), "bytes": m["memory"]["bytes"], "blocks": count_blocks(run.engine).occupied}
+    if "dense" in row:
+        row["measured_sparsity"] = row["dense"]["blocks"] / row["sparse"]["blocks"]
+        row["speed_up"] = row["dense"]["step"] / (row["sparse"]["step"] + row["sparse"]["index"])
+        row["memory_ratio"] = row["dense"]["bytes"] / row["sparse"]["bytes"]
+    return row
 
 
 def _loaded(cases: Sequence[Case]) -> list[TimedRun]:

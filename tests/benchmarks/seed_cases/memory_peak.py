@@ -27,8 +27,8 @@ def host_peak() -> float:
 
 def card_used() -> float | None:
     """Memory [byte] in use on the first card by its driver, with context and kernels; None where the driver's tool is missing."""
-    found = _asked("memory.used", "nounits")
-    return 2.0**20 * float(found) if found else None
+    answer = _asked("memory.used", "nounits")
+    return 2.0**20 * float(answer) if answer else None
 
 
 def card_name() -> str | None:

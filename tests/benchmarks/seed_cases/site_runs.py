@@ -63,9 +63,9 @@ def _forecast(cell: float) -> dict[str, Any]:
         accept=extents.append,
         in_chunks=True,
     )
-    found = expected_memory(extents[0], ground.elevation.size, Scheme(precision="float32"), on_card())
-    held = {"particles": extents[0].particles, "nodes": NODES * extents[0].nodes_on_device}
-    return {"cell": cell, **held, "device_bytes": found.backend, "host_bytes": found.host}
+    forecast = expected_memory(extents[0], ground.elevation.size, Scheme(precision="float32"), on_card())
+    counts = {"particles": extents[0].particles, "nodes": NODES * extents[0].nodes_on_device}
+    return {"cell": cell, **counts, "device_bytes": forecast.backend, "host_bytes": forecast.host}
 
 
 def on_card() -> Any:
@@ -176,7 +176,7 @@ def dense_control(cell: float, device: str, low: Sequence[int], high: Sequence[i
         for index, engine in engines.items()
         for name, value in (
             ("seconds", statistics.median(seconds[index])),
-            ("blocks", count_blocks(engine).held),
+            ("blocks", count_blocks(engine).occupied),
             ("bytes", memory_of(engine, len(particles))["bytes"]),
         )
     }
@@ -189,19 +189,19 @@ def _nodes_of_box(low: Sequence[int], high: Sequence[int]) -> np.ndarray:
     return (4 * place + MARGIN).astype(np.int32)
 
 
-def _blocks(found: list[BlockCount]) -> dict[str, Any]:
+def _blocks(counts: list[BlockCount]) -> dict[str, Any]:
     """Blocks, nodes and sparsity of a run: most, and at the end; sparsity at the start too."""
-    held = max(b.held for b in found)
-    low, high = box_of_run(found)
+    largest = max(b.occupied for b in counts)
+    low, high = box_of_run(counts)
     return {
-        "blocks": held,
+        "blocks": largest,
         "box_low": low,
         "box_high": high,
-        "nodes": NODES * held,
-        "blocks_at_end": found[-1].held,
-        "sparsity_at_start": found[0].sparsity,
-        "sparsity": max(b.sparsity for b in found),
-        "sparsity_at_end": found[-1].sparsity,
+        "nodes": NODES * largest,
+        "blocks_at_end": counts[-1].occupied,
+        "sparsity_at_start": counts[0].sparsity,
+        "sparsity": max(b.sparsity for b in counts),
+        "sparsity_at_end": counts[-1].sparsity,
     }
 
 
