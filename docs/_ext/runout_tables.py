@@ -134,13 +134,12 @@ class PresetsTable(SphinxDirective):
             [
                 f"`{name}`",
                 f"{p.cells:g}",
-                f"{p.cfl:g}",
                 f"{(p.cells / PRESETS['standard'].cells) ** 4:.2g}",
                 *(f"± {100 * error:.2g} %" for error in reversed(expected_errors(p.cells))),
             ]
             for name, p in PRESETS.items()
         ]
-        heads = ["preset", "cells through the depth", "cfl", "work", "error of the run-out", "of the thickness map"]
+        heads = ["preset", "cells through the depth", "work", "error of the run-out", "of the thickness map"]
         return _table(self, heads, rows)
 
 

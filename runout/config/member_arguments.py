@@ -14,7 +14,7 @@ from runout.config.release_start import sampled_starts
 from runout.config.scenarios import FAILS
 from runout.config.schema import SiteSettings
 from runout.errors import ConfigError
-from runout.forecast.accuracy import CellSize, choices
+from runout.forecast.accuracy import CellSize, chosen_cell_size
 from runout.model.laws import LAWS
 from runout.model.limits import Range, spacing_of
 from runout.model.numerics import Numerics
@@ -98,7 +98,7 @@ def cell_size(settings: SiteSettings, releases: "Sequence[Release]") -> CellSize
     simulation = settings.simulation
     if simulation.cell_size is not None:
         return simulation.cell_size  # type: ignore[return-value]
-    return choices(simulation.accuracy, releases, {})["cell_size"]  # type: ignore[no-any-return]
+    return chosen_cell_size(simulation.accuracy, releases)  # type: ignore[return-value]
 
 
 def grid_spacing(settings: SiteSettings, releases: "Sequence[Release]") -> tuple[float, float, float]:

@@ -23,7 +23,7 @@ def on_device(settings: SimulationSettings, device: str) -> SimulationSettings:
 
 
 def with_cell_size(settings: SimulationSettings, cell_size: Sequence[float]) -> SimulationSettings:
-    """The settings with another grid spacing [m], one number or three; cfl stays as it is stated or set by accuracy.
+    """The settings with another grid spacing [m], one number or three; cfl stays as it is.
 
     Raises
     ------

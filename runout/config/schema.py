@@ -1,6 +1,6 @@
 """Keys, types, ranges and descriptions of site.yaml. The descriptions are also the comments of a new site.yaml."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny, model_validator
@@ -42,7 +42,6 @@ from runout.config.scenarios import FAILS, ScenarioSettings
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.errors import ConfigError
-from runout.forecast.accuracy import CHOICES, PRESETS
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import CFL, PARTICLES_PER_CELL, SMALLEST_NET
 
@@ -215,11 +214,9 @@ def device_conflicts(block: Mapping[str, Any]) -> Iterator[Conflict]:
 
 
 def accuracy_conflicts(block: Mapping[str, Any]) -> Iterator[Conflict]:
-    """Conflicts of accuracy with cell_size and cfl."""
+    """Neither accuracy nor cell_size."""
     if "accuracy" not in block and "cell_size" not in block:
         yield "", "neither cell_size nor accuracy is given", "add cell_size: [m], or accuracy: standard"
-    elif "accuracy" in block and block.keys() >= set(CHOICES):
-        yield "accuracy", f"{' and '.join(CHOICES)} are both given, so accuracy has no effect", "remove it, or one of them"
 
 
 def _raise_first(conflicts: Iterator[Conflict]) -> None:
@@ -298,8 +295,8 @@ class SimulationSettings(Settings):
     """How each member is computed."""
 
     accuracy: Literal["screening", "standard", "high"] | None = quantity(
-        "screening, standard or high: sets cell_size and cfl from the thickness of the release, unless they are "
-        "given; `runout check` prints the expected error and cost",
+        "screening, standard or high: sets cell_size from the thickness of the release, unless it is given; "
+        "`runout check` prints the expected error and cost",
         None,
         examples=["standard"],
     )
@@ -343,19 +340,9 @@ class SimulationSettings(Settings):
         examples=[20],
     )
 
-    @model_validator(mode="wrap")
-    @classmethod
-    def _preset(cls, block: Any, validated: Callable[[Any], "SimulationSettings"]) -> "SimulationSettings":
-        """Take cfl from the preset unless it is stated; unknown keys are told before what is missing."""
-        if not isinstance(block, dict):
-            return validated(block)
-        chosen = PRESETS.get(block["accuracy"]) if isinstance(block.get("accuracy"), str) else None
-        made = validated(block if chosen is None else {"cfl": chosen.cfl, **block})
-        _raise_first(accuracy_conflicts({key: value for key, value in block.items() if value is not None}))
-        return made
-
     @model_validator(mode="after")
-    def _device_fits(self) -> "SimulationSettings":
+    def _complete(self) -> "SimulationSettings":
+        _raise_first(accuracy_conflicts(self.model_dump(exclude_none=True)))
         _raise_first(device_conflicts(self.model_dump()))
         return self
 

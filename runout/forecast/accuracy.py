@@ -1,4 +1,4 @@
-"""Presets of accuracy: cell size and Courant number of each, and the numerical errors of grids.
+"""Presets of accuracy: the cell size of each, and the numerical errors of grids.
 
 The errors come from :data:`SOURCE`; a test compares both.
 """
@@ -23,7 +23,6 @@ EXPECTED = (
     f"Expected errors are medians of the error bars of {EXAMPLE}; `runout verify SITE --convergence` measures those of this site."
 )
 FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
-CHOICES = ("cell_size", "cfl")  # settings of a preset
 
 CellSize = float | tuple[float, float, float]
 
@@ -33,7 +32,6 @@ class Preset:
     """One level of accuracy."""
 
     cells: float  # cells through the mean thickness of the release
-    cfl: float
 
     def cell_size(self, thickness: float, area: float) -> float:
         """Spacing [m] for a release of mean ``thickness`` [m] whose smallest part covers ``area`` [m2], rounded down."""
@@ -42,7 +40,7 @@ class Preset:
         return round(math.floor(size / step + 1e-9) * step, 9)
 
 
-PRESETS: dict[str, Preset] = {"screening": Preset(1.0, 0.6), "standard": Preset(1.5, 0.6), "high": Preset(3.0, 0.6)}
+PRESETS: dict[str, Preset] = {"screening": Preset(1.0), "standard": Preset(1.5), "high": Preset(3.0)}
 
 
 def preset(accuracy: str) -> Preset:
@@ -52,25 +50,20 @@ def preset(accuracy: str) -> Preset:
     return PRESETS[accuracy]
 
 
-def choices(accuracy: str | None, releases: "Sequence[Release]", settings: Mapping[str, Any]) -> dict[str, Any]:
-    """cell_size and cfl of a run: values of ``settings`` that are not None, else those of the preset, else the defaults.
+def chosen_cell_size(accuracy: str | None, releases: "Sequence[Release]", cell_size: CellSize | None = None) -> CellSize | None:
+    """The ``cell_size`` [m] of a run; where it is None that of the preset, and None without a release: the run reports the error.
 
-    Raises ConfigError if there is no such preset; if neither cell_size nor accuracy is given; or if nothing is left for accuracy to
-    choose.
+    Raises ConfigError if there is no such preset, or neither cell_size nor accuracy is given.
     """
-    explicit = {name: settings[name] for name in CHOICES if settings.get(name) is not None}
-    if accuracy is None:
-        if "cell_size" not in explicit:
-            raise ConfigError("neither cell_size nor accuracy is given; give one of them, accuracy as screening, standard or high")
-        return {"cfl": CFL, **explicit}
-    chosen = preset(accuracy)
-    if len(explicit) == len(CHOICES):
-        raise ConfigError(f"accuracy is {accuracy!r}, and {' and '.join(CHOICES)} are both given too; remove one of the three")
+    chosen = None if accuracy is None else preset(accuracy)
+    if cell_size is not None:
+        return cell_size
+    if chosen is None:
+        raise ConfigError("neither cell_size nor accuracy is given; give one of them, accuracy as screening, standard or high")
     if not releases:
-        return {"cfl": chosen.cfl, **explicit}  # the run reports the error
+        return None
     volume, area = sum(r.volume for r in releases), sum(r.area for r in releases)
-    size = chosen.cell_size(volume / area, min(r.area for r in releases))
-    return {"cell_size": size, "cfl": chosen.cfl, **explicit}
+    return chosen.cell_size(volume / area, min(r.area for r in releases))
 
 
 def expected_errors(cells: float) -> tuple[float, float]:
@@ -101,12 +94,11 @@ def lines(
     cells = f"cells of {_sizes(grid['cell_size'])} with {_count(grid['particles_per_cell'])} particles"
     rows = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; {error_statement(through)}"]
     for other in PRESETS:
-        preset_choices = choices(other, releases, {})
-        count = particles(preset_choices["cell_size"])
-        ratio = work({**preset_choices, "particles_per_cell": count}) / work(grid)
+        size: Any = chosen_cell_size(other, releases)
+        count = particles(size)
+        ratio = work({"cell_size": size, "cfl": CFL, "particles_per_cell": count}) / work(grid)
         rows.append(
-            f"          {other}: {_sizes(preset_choices['cell_size'])} with {_count(count)}, {ratio:.3g} times this work; "
-            f"{error_statement(_through(preset_choices, depth))}"
+            f"          {other}: {_sizes(size)} with {_count(count)}, {ratio:.3g} times this work; {error_statement(depth / size)}"
         )
     return [*rows, f"          ({EXPECTED} {BOUNDS})"]
 

@@ -26,7 +26,7 @@ from runout.backends.protocol import (
 )
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, RunoutError, StabilityError
-from runout.forecast.accuracy import choices
+from runout.forecast.accuracy import chosen_cell_size
 from runout.forecast.memory import Extent, MemoryForecast, available_bytes, pore_bytes, with_births
 from runout.forecast.step_cost import PARTICLE_SECONDS, STEP_SECONDS
 from runout.model.inflow import Inflow
@@ -140,7 +140,7 @@ class _Job:
         releases = [release] if isinstance(release, Release) else list(release)
         require_starts(releases, options["end_time"])
         _require_no_inflow(inflows_of(options.pop("inflow", ())))
-        options |= choices(options.pop("accuracy", None), releases, options)
+        options["cell_size"] = chosen_cell_size(options.pop("accuracy", None), releases, options.get("cell_size"))
         times = tuple(sorted(options.pop("snapshot_times", ())))
         probes = options.pop("probes", None)
         control = RunControl(

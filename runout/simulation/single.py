@@ -4,15 +4,17 @@ import logging
 import os
 import time as clock
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from runout.backends.protocol import get_backend
-from runout.forecast.accuracy import choices
+from runout.forecast.accuracy import chosen_cell_size
 from runout.forecast.memory import Extent, expected_memory, require_memory, with_births, with_inflow
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.bed import Bed
 from runout.model.friction import FrictionZones
 from runout.model.inflow import Inflow
+from runout.model.limits import CFL
 from runout.model.materials import Material
 from runout.model.numerics import Numerics
 from runout.model.pore_pressure import doubts
@@ -55,7 +57,7 @@ def simulate(
     device: str = "cpu",
     precision: str = "float32",
     seed: int = 0,
-    cfl: float | None = None,
+    cfl: float = CFL,
     substeps: int = 4,
     initial_stress: str = "at_rest",
     accuracy: str | None = None,
@@ -116,8 +118,8 @@ def simulate(
     initial_stress : str
         "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional
-        "screening", "standard" or "high": cell_size and cfl that follow from the mean thickness of the release
-        (:data:`runout.forecast.accuracy.PRESETS`); an explicit value of either overrides the preset.
+        "screening", "standard" or "high": the cell_size that follows from the mean thickness of the release
+        (:data:`runout.forecast.accuracy.PRESETS`); an explicit cell_size overrides it.
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool
@@ -158,9 +160,9 @@ def simulate(
     releases = [release] if isinstance(release, Release) else list(release)
     require_starts(releases, end_time)
     inflows, masses = inflows_of(inflow), [*releases, *map(mass_at, inflows_of(inflow))]
-    grid = choices(accuracy, masses, {"cell_size": cell_size, "cfl": cfl})
+    size: Any = chosen_cell_size(accuracy, masses, cell_size)
     numerics = Numerics(
-        **grid, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
+        cell_size=size, cfl=cfl, particles_per_cell=particles_per_cell, precision=precision, seed=seed, substeps=substeps,
         initial_stress=initial_stress,
     )  # fmt: skip
 

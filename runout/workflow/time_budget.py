@@ -25,7 +25,7 @@ from runout.forecast.sampling_error import median_error
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
 from runout.log import duration
-from runout.model.limits import CFL, SMALLEST_NET
+from runout.model.limits import SMALLEST_NET
 from runout.workflow.check_stiffness import VOLUME, member_stiffness
 from runout.workflow.flow_forecast import flows_of
 from runout.workflow.plan import forecast
@@ -227,7 +227,7 @@ class TimeBudget:
         masses = self.site.data().masses
         depth = sum(m.volume for m in masses) / sum(m.area for m in masses)
         east, north, up = self.site_size()
-        height = Preset(cells, CFL).cell_size(depth, min(m.area for m in masses) / (max(east, north) / up) ** 2)
+        height = Preset(cells).cell_size(depth, min(m.area for m in masses) / (max(east, north) / up) ** 2)
         return (height * east / up, height * north / up, height), depth / height
 
     def _time(self, size: tuple[float, float, float], members: int) -> float:
@@ -281,7 +281,6 @@ class TimeBudget:
         stated = self.site.stated()
         changes = [f"{CHOSEN[0]}={choice.cells}"] + ([f"{CHOSEN[1]}={choice.members}"] if self._sampled else [])
         changes += ["ensemble.tolerance="] if "tolerance" in stated.get("ensemble", {}) else []
-        changes += ["simulation.accuracy="] if {"accuracy", "cfl"} <= stated["simulation"].keys() else []
         return tuple(changes)
 
     def chosen(self) -> tuple[str, ...]:

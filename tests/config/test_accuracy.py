@@ -8,22 +8,20 @@ from types import SimpleNamespace
 import pytest
 
 from runout import read_site, simulate
-from runout.errors import ConfigError
-from runout.forecast.accuracy import BOUNDS, PRESETS, SOURCE, choices, expected_errors, lines, work
+from runout.errors import ConfigError, ReleaseError
+from runout.forecast.accuracy import BOUNDS, PRESETS, SOURCE, chosen_cell_size, expected_errors, lines, work
+from runout.model.limits import CFL
 
 WIDE = SimpleNamespace(volume=4e6, area=1e5)  # 40 m thick
 SMALL = SimpleNamespace(volume=4e3, area=100.0)  # 40 m thick, 10 m wide
 
 
 def test_standard_has_its_cells_through_the_mean_thickness():
-    found = choices("standard", [WIDE], {})
-    standard = PRESETS["standard"]
-    size = pytest.approx(40 / standard.cells, rel=0.05)  # rounded down
-    assert found == {"cell_size": size, "cfl": standard.cfl}
+    assert chosen_cell_size("standard", [WIDE]) == pytest.approx(40 / PRESETS["standard"].cells, rel=0.05)  # rounded down
 
 
 def test_presets_are_finer_and_dearer_one_after_the_other():
-    costs = [work({**choices(name, [WIDE], {}), "particles_per_cell": 8}) for name in PRESETS]
+    costs = [work({"cell_size": chosen_cell_size(name, [WIDE]), "cfl": 0.6, "particles_per_cell": 8}) for name in PRESETS]
     assert list(PRESETS) == ["screening", "standard", "high"]
     assert all(b > 4 * a for a, b in pairwise(costs))
 
@@ -36,27 +34,32 @@ def test_expected_errors_are_those_of_the_published_study_and_fall_with_the_cell
 
 
 def test_no_cell_is_wider_than_a_quarter_of_the_smallest_release():
-    assert choices("screening", [WIDE, SMALL], {})["cell_size"] == 2.5
+    assert chosen_cell_size("screening", [WIDE, SMALL]) == 2.5
 
 
-def test_what_is_given_counts():
-    found = choices("standard", [WIDE], {"cell_size": 25.0, "cfl": None})
-    assert found["cell_size"] == 25.0
-    assert found["cfl"] == PRESETS["standard"].cfl
-    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "cfl": 0.6}
+@pytest.mark.parametrize("accuracy", [None, "standard"])
+def test_an_explicit_cell_size_counts(accuracy):
+    assert chosen_cell_size(accuracy, [WIDE], 25.0) == 25.0
+    assert chosen_cell_size(accuracy, [WIDE], (20.0, 20.0, 10.0)) == (20.0, 20.0, 10.0)
 
 
 @pytest.mark.parametrize(
-    ("accuracy", "given", "said"),
+    ("accuracy", "size", "said"),
     [
-        (None, {}, "neither cell_size nor accuracy is given"),
-        ("best", {}, "accuracy is 'best'; choose one of screening, standard, high"),
-        ("high", {"cell_size": 5.0, "cfl": 0.4}, "cell_size and cfl are both given too; remove one of the three"),
+        (None, None, "neither cell_size nor accuracy is given"),
+        ("best", None, "accuracy is 'best'; choose one of screening, standard, high"),
+        ("best", 5.0, "accuracy is 'best'; choose one of screening, standard, high"),
     ],
 )
-def test_conflicts_are_refused(accuracy, given, said):
+def test_unknown_and_missing_choices_are_refused(accuracy, size, said):
     with pytest.raises(ConfigError, match=said):
-        choices(accuracy, [WIDE], given)
+        chosen_cell_size(accuracy, [WIDE], size)
+
+
+def test_a_run_without_a_mass_is_refused_also_where_accuracy_would_choose_its_cells(site_folder):
+    arguments = read_site(site_folder).member_arguments()
+    with pytest.raises(ReleaseError, match="neither a release nor an inflow is given"):
+        simulate(arguments["terrain"], [], arguments["material"], end_time=1.0, accuracy="standard")
 
 
 def test_work_grows_with_the_fourth_power_of_the_cells():
@@ -69,7 +72,7 @@ def test_work_grows_with_the_fourth_power_of_the_cells():
 
 
 def test_lines_tell_the_cells_and_what_every_preset_would_cost():
-    grid = {**choices("standard", [WIDE], {}), "particles_per_cell": (2, 2, 4)}
+    grid = {"cell_size": chosen_cell_size("standard", [WIDE]), "cfl": 0.6, "particles_per_cell": (2, 2, 4)}
     said = lines("standard", [WIDE], grid, lambda height: (2, 2, 4))
     assert "accuracy standard: cells of 26 m with 2 x 2 x 4 particles, 1.5 through the mean thickness of 40 m" in said[0]
     assert "standard: 26 m with 2 x 2 x 4, 1 times this work" in said[2]
@@ -99,11 +102,22 @@ def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
     assert larger["cell_size"] == arguments["cell_size"]
 
 
+def test_cells_and_time_step_beside_accuracy_are_those_of_the_site(edited):
+    site = read_site(edited("cell_size: 10", "cell_size: 10\n  accuracy: high\n  cfl: 0.4"))
+    assert {name: site.member_arguments()[name] for name in ("cell_size", "cfl")} == {"cell_size": 10.0, "cfl": 0.4}
+
+
+def test_accuracy_leaves_the_time_step_as_it_is(edited):
+    site = read_site(edited("cell_size: 10", "accuracy: high"))
+    assert site.member_arguments()["cfl"] == CFL
+    assert "cfl" not in site.stated()["simulation"]
+
+
 def test_a_run_takes_its_cells_from_accuracy_alone(site_folder):
     stated = read_site(site_folder).member_arguments()
     given = {name: stated[name] for name in ("terrain", "release", "material")} | {"end_time": 0.05, "backend": "reference"}
     result = simulate(**given, accuracy="screening")
-    assert result.spacing == (choices("screening", stated["release"], {})["cell_size"],) * 3
+    assert result.spacing == (chosen_cell_size("screening", stated["release"]),) * 3
     assert simulate(**given, accuracy="screening", cell_size=8.0).spacing == (8.0, 8.0, 8.0)
     with pytest.raises(ConfigError, match="neither cell_size nor accuracy"):
         simulate(**given)
@@ -114,7 +128,6 @@ def test_a_run_takes_its_cells_from_accuracy_alone(site_folder):
     [
         ("accuracy: best", "accuracy"),
         ("cfl: 0.3", "neither cell_size nor accuracy is given"),
-        ("cell_size: 10\n  accuracy: high\n  cfl: 0.4", "are both given, so accuracy has no effect"),
     ],
 )
 def test_a_site_with_conflicts_is_refused(edited, new, said):

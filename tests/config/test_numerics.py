@@ -15,7 +15,7 @@ from runout.simulation.batch import simulate_batch
 from runout.simulation.scenario import scene_arguments
 
 CHOICES = {f.name: f.default for f in fields(Numerics)}
-FROM_ACCURACY = {"cell_size": None, "cfl": None}  # arguments that None leaves to the argument accuracy
+FROM_ACCURACY = {"cell_size": None}  # the argument that None leaves to the argument accuracy
 
 
 def test_every_choice_is_an_argument_with_the_same_default():

@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from runout.forecast.accuracy import choices
+from runout.forecast.accuracy import chosen_cell_size
+from runout.model.limits import CFL
 from runout.release.arrangement import particles_for
 from runout.simulation.result import Result
 from runout.simulation.single import simulate
@@ -73,9 +74,8 @@ def flowed(cell: float, v: Variation, site: str = SITE) -> tuple[Result, float, 
 
 @cache
 def at_preset(name: str, coarser: float = 1.0, site: str = SITE) -> tuple[Result, float, float]:
-    """:func:`flowed` with the choices of a preset of accuracy, its cells ``coarser`` times as large."""
-    grid = choices(name, site_arguments(site)["release"], {})
-    return flowed(coarser * grid["cell_size"], Variation(name, scene={"cfl": grid["cfl"]}), site)
+    """:func:`flowed` with the cells of a preset of accuracy, ``coarser`` times as large."""
+    return flowed(coarser * chosen_cell_size(name, site_arguments(site)["release"]), Variation(name, scene={"cfl": CFL}), site)
 
 
 @cache
