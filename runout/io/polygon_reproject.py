@@ -37,7 +37,9 @@ def polygons_on_terrain(path: Path, frame: Any, driver: str, terrain: Terrain) -
     if transformation.forward is None:
         return frame, transformation.sentences
     longest = float(max(bounds[2] - bounds[0], bounds[3] - bounds[1])) / PIECES
-    moved = shapely.transform(shapely.segmentize(shapely.force_2d(frame.geometry.to_numpy()), longest), transformation.forward)
+    drawn = shapely.force_2d(frame.geometry.to_numpy())
+    dense = np.where(shapely.is_valid(drawn), shapely.segmentize(drawn, longest), drawn)  # GEOS cuts lobes off where sides cross
+    moved = shapely.transform(dense, transformation.forward)
     if not np.isfinite(shapely.get_coordinates(moved)).all():
         raise ReleaseError(
             f"{path}: some of its coordinates have no place in the terrain's system; check the system that it states"
