@@ -262,8 +262,11 @@ def _buildings(study: Study, site: str) -> Answer:
     question = "Which buildings are reached, with which pressure?"
     if study.loads is None:
         return Answer(question, NO_STRUCTURES, "maps", "Map", f"runout probe {site} --points points.gpkg")
-    shares = "; ".join(f"{name} in {percent(share)} of the members" for name, share in _structures(study))
-    return Answer(question, f"{_start(shares)}.", "structures", "Forces and pressures")
+    reached = "; ".join(f"{name} in {percent(share)} of the members" for name, share in _structures(study) if share > 0)
+    untouched = [name for name, share in _structures(study) if share == 0]
+    none = f"No member reaches {_listed(untouched)}" if untouched else ""
+    answer = ". ".join(_start(part) for part in (reached, none) if part)
+    return Answer(question, f"{answer}.", "structures", "Forces and pressures")
 
 
 def _doubled(study: Study, settings: Mapping[str, Any], site: str) -> Answer:

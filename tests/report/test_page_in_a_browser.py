@@ -64,7 +64,6 @@ def test_the_page_asks_no_host_reports_no_error_and_does_not_scroll_sideways(pat
 
 def rim_of_the_map(page):
     """Colours of the two uppermost rows of pixels left of the frame of the map."""
-    page.call("Emulation.setScrollbarsHidden", hidden=True)  # a picture of the whole page has none, and wraps lines elsewhere
     page.run("new Promise((done) => setTimeout(done, 500))")  # the map draws its pictures after it is ready
     left, top = page.run(CORNER)
     clip = {"x": left, "y": top, "width": 40, "height": 2, "scale": 1}
