@@ -32,16 +32,17 @@ def parameter_variable(name: str) -> Variable:
         return replace(variable, long_name=f"release {release}, {variable.long_name}", standard_name=None)
     if name in VARIABLES:
         return VARIABLES[name]
-    declared = {p.key: _variable(p, "") for law in LAWS.known() for p in law.parameters if p.sampled}
-    declared |= {PREFIX + p.key: _variable(p, "basal friction, ") for law in FRICTIONS.known() for p in law.parameters if p.sampled}
-    declared |= {ERODES + p.key: _variable(p, "erosion, ") for law in EROSIONS.known() for p in law.parameters if p.sampled}
+    declared = {p.key: _variable(p) for law in LAWS.known() for p in law.parameters if p.sampled}
+    frictions = (p for law in FRICTIONS.known() for p in law.parameters if p.sampled)
+    declared |= {PREFIX + p.key: _variable(p, " (basal friction)") for p in frictions}
+    declared |= {ERODES + p.key: _variable(p, " (erosion)") for law in EROSIONS.known() for p in law.parameters if p.sampled}
     if name not in declared:
         raise ConfigError(f"{name}: no known law has this parameter; install the package of the law that the members follow")
     return declared[name]
 
 
-def _variable(p: Parameter, of: str) -> Variable:
-    return Variable(udunits(p.valid.unit if p.valid else ""), of + p.description, dtype="float64")
+def _variable(p: Parameter, of: str = "") -> Variable:
+    return Variable(udunits(p.valid.unit if p.valid else ""), p.description + of, dtype="float64")
 
 
 def udunits(unit: str) -> str:

@@ -21,13 +21,13 @@ from runout.hazard.frequency import Frequencies
 from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
-from runout.hazard.reach import representative_of
+from runout.hazard.reach import Reach, representative_of
 from runout.hazard.readme import write_readme
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import write_structures
 from runout.io import netcdf, source_code
 from runout.io.atomic import write_json
-from runout.io.member_maps import SNAPSHOTS, MemberMaps
+from runout.io.member_maps import SNAPSHOTS, MemberMaps, MembersFile
 from runout.io.netcdf import study_attributes
 from runout.io.provenance import file_record, provenance
 from runout.model.depth_resolution import worst
@@ -107,7 +107,7 @@ def write_products(
     built = write_structures(site, ensemble, terrain, attributes, results)
     origin["changes"] = [*origin["changes"], *built.changes]
     outdated = writers.earlier(results)
-    shown = representative_of(results / "members.nc", ensemble.table.loc[list(ensemble.files)], hazard)
+    shown = _representative(results / "members.nc", ensemble, hazard)
     origin["representative_member"] = shown
     products = writers.Products(
         hazard, ensemble, site, terrain, releases, observed, built, results, shown, snapshots.get(shown, ())
@@ -119,6 +119,14 @@ def write_products(
     for path in outdated - set(paths):
         path.unlink(missing_ok=True)
     return paths
+
+
+def _representative(path: Path, ensemble: Ensemble, hazard: "xr.Dataset") -> int:
+    """Number of the valid member with the median run-out, from ``members.nc``."""
+    with MembersFile(path) as stack:
+        maps = ((number, stack.member(number)) for number in ensemble.files)
+        least = float(hazard["thickness_threshold"].min())
+        return representative_of(maps, ensemble.table["weight"], Reach.of(hazard), least)
 
 
 def _write_members(

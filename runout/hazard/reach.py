@@ -1,18 +1,21 @@
 """How far flows reach: distance from the release, run-out, and the member with the median run-out, which stands for all."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.io.member_maps import MembersFile
 from runout.quantities import ALL_QUANTITIES, INFLOW_MAP, QUANTITIES
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from runout.io.member_maps import MemberMaps, StackedMember
+
+    _Maps = MemberMaps | StackedMember
 
 ROUNDING = 1e-9  # of summed weights
 
@@ -114,17 +117,31 @@ def _bounds(cells: np.ndarray) -> tuple[slice, slice]:
 
 def representative(members: "pd.DataFrame") -> int:
     """The valid member with the (lower) median runout distance, by weight where the members have weights."""
-    ordered = members[members["runout_distance"].notna()].sort_values("runout_distance")
+    ordered = members[members["runout_distance"].notna()].sort_values("runout_distance", kind="stable")
     weights = ordered["weight"].to_numpy(np.float64) if "weight" in ordered else np.ones(len(ordered))
     reached = np.cumsum(weights) >= (0.5 - ROUNDING) * weights.sum()
     return int(ordered.index[reached.argmax()])
 
 
-def representative_of(path: Path, members: "pd.DataFrame", hazard: "xr.Dataset") -> int:
-    """The :func:`representative` one of valid members (``weight`` by number) of a ``members.nc`` with the maps of ``hazard``."""
-    reach, least = Reach.of(hazard), np.float32(hazard["thickness_threshold"].min())
+def representative_of(members: "Iterable[tuple[int, _Maps]]", weights: "pd.Series", reach: Reach, least: float) -> int:
+    """Number of the :func:`representative` one of valid members, from their maps of maximum thickness.
+
+    Products, QGIS, the report and ``runout view`` all show this member.
+
+    Parameters
+    ----------
+    members : iterable
+        Number and maps (``within(name, part)``) of each valid member.
+    weights : Series
+        Weights by number.
+    reach : Reach
+        Distances on the raster of the maps.
+    least : float
+        Lowest threshold of thickness [m]; the flow reaches a cell from there on.
+    """
+    import pandas as pd
+
     name = QUANTITIES["thickness"].member_map
-    with MembersFile(path) as stack:
-        maps = (stack.member(int(number)).within(name, reach.part) for number in members.index)
-        distances = [reach.runout(np.nan_to_num(values) >= least)[0] for values in maps]
-    return representative(members.assign(runout_distance=distances))
+    thickness = ((number, np.nan_to_num(maps.within(name, reach.part))) for number, maps in members)
+    distances = pd.Series({number: reach.runout(values >= np.float32(least))[0] for number, values in thickness})
+    return representative(pd.DataFrame({"runout_distance": distances, "weight": weights[distances.index]}))

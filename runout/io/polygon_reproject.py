@@ -1,5 +1,6 @@
 """Transforms polygons and thickness rasters from another system to the map coordinates of the terrain."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +38,29 @@ def polygons_on_terrain(path: Path, frame: Any, driver: str, terrain: Terrain) -
     if transformation.forward is None:
         return frame, transformation.sentences
     longest = float(max(bounds[2] - bounds[0], bounds[3] - bounds[1])) / PIECES
-    moved = shapely.transform(shapely.segmentize(shapely.force_2d(frame.geometry.to_numpy()), longest), transformation.forward)
+    drawn = shapely.force_2d(frame.geometry.to_numpy())
+    dense = np.where(shapely.is_valid(drawn), shapely.segmentize(drawn, longest), drawn)  # GEOS cuts lobes off where sides cross
+    moved = shapely.transform(dense, transformation.forward)
     if not np.isfinite(shapely.get_coordinates(moved)).all():
         raise ReleaseError(
             f"{path}: some of its coordinates have no place in the terrain's system; check the system that it states"
         )
+    if in_degrees and _is_exchanged(bounds, transformation.forward, terrain):
+        raise ReleaseError(
+            f"{path}: its coordinates are latitude, longitude; GeoJSON states the longitude first: exchange the two "
+            "(QGIS: Swap X and Y coordinates)"
+        )
     sentence = f"{path}: reprojected from longitude and latitude, the system of GeoJSON, to {crs_name(wanted)}."
     return frame.set_geometry(moved).set_crs(None, allow_override=True), (sentence,) if in_degrees else transformation.sentences
+
+
+def _is_exchanged(bounds: np.ndarray, forward: Callable[[np.ndarray], np.ndarray], terrain: Terrain) -> bool:
+    """Whether the middle of bounds [degree] lies on the terrain only with longitude and latitude exchanged."""
+    middle = (bounds[:2] + bounds[2:]) / 2.0
+    west, south, east, north = terrain.extent
+    places = forward(np.stack([middle, middle[::-1]]))
+    own, exchanged = (bool(west <= x <= east and south <= y <= north) for x, y in places)
+    return exchanged and not own
 
 
 def raster_on_terrain(

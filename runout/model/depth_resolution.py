@@ -56,9 +56,10 @@ class DepthResolution:
 
     def statement(self) -> str:
         """Cells, viscosity and decay time as a clause for a sentence."""
+        viscosity = float(f"{self.numerical_viscosity:.2g}")  # without a power of ten
         return (
             f"{self.cells_through_depth:.2g} cells through a depth of {self.depth:.3g} m; the transfers act like a viscosity of "
-            f"{self.numerical_viscosity:.2g} m2/s, which stops shear through the depth in {self.shear_decay_time:.2g} s"
+            f"{viscosity:g} m2/s, which stops shear through the depth in {self.shear_decay_time:.2g} s"
         )
 
     def warning(self) -> str:

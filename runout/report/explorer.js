@@ -72,7 +72,7 @@
 
   const figure = Plotting.figure({
     x_range: new Bokeh.Range1d({start: content.view[0], end: content.view[1]}), y_range: new Bokeh.Range1d({start: content.view[2], end: content.view[3]}),
-    sizing_mode: "stretch_both", toolbar_location: null, tools: "", min_border: 0,
+    sizing_mode: "stretch_both", toolbar_location: null, tools: "", min_border: 0, min_border_top: 4, // explorer.css cuts the top of it off
   });
   const drawPicture = ({extent: [west, east, south, north], image}) =>
     figure.image_url({url: [image], x: west, y: north, w: east - west, h: north - south, anchor: "top_left"});
@@ -267,7 +267,7 @@
     return {middle: [0.5 * (x.start + x.end), 0.5 * (y.start + y.end)], perPixel: (x.end - x.start) / frame().width};
   }
   function showAll() {
-    const [west, east, south, north] = content.view, {width, height} = frame();
+    const {width, height} = frame();
     fit([0.5 * (west + east), 0.5 * (south + north)], Math.max((east - west) / width, (north - south) / height));
   }
   function move(right, up, zoom = 1) {
@@ -394,6 +394,8 @@
     theme(figure);
   }
 
+  const [west, east, south, north] = content.view;
+  byId("map").style.setProperty("--x-aspect", (east - west) / (north - south));
   byId("attribution").textContent = content.attribution;
   buildReadout();
   drawMarks();

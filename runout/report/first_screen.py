@@ -20,8 +20,9 @@ POSTERIOR = "posterior.csv"  # rows of `runout calibrate`
 LAPTOP = "The check forecasts it for the machine that it runs on."
 NO_STRUCTURES = (
     "No structures are in site.yaml; with the block structures, facades have loads. Pressure of the undisturbed flow is a layer of "
-    "the map, and this command writes it at points."
+    "the map, and this command writes it at the points of a layer."
 )
+DOUBLED = "This command runs both, on cells that fit into five minutes, and shows them on one map."
 MOST_NAMES, MOST_PARTS = 6, 3  # places of a sentence that as many members reach, and groups of them
 
 
@@ -260,9 +261,12 @@ def _period(study: Study) -> Answer:
 def _buildings(study: Study, site: str) -> Answer:
     question = "Which buildings are reached, with which pressure?"
     if study.loads is None:
-        return Answer(question, NO_STRUCTURES, "maps", "Map", f"runout probe {site} --points buildings.gpkg")
-    shares = "; ".join(f"{name} in {percent(share)} of the members" for name, share in _structures(study))
-    return Answer(question, f"{_start(shares)}.", "structures", "Forces and pressures")
+        return Answer(question, NO_STRUCTURES, "maps", "Map", f"runout probe {site} --points points.gpkg")
+    reached = "; ".join(f"{name} in {percent(share)} of the members" for name, share in _structures(study) if share > 0)
+    untouched = [name for name, share in _structures(study) if share == 0]
+    none = f"No member reaches {_listed(untouched)}" if untouched else ""
+    answer = ". ".join(_start(part) for part in (reached, none) if part)
+    return Answer(question, f"{answer}.", "structures", "Forces and pressures")
 
 
 def _doubled(study: Study, settings: Mapping[str, Any], site: str) -> Answer:
@@ -274,9 +278,8 @@ def _doubled(study: Study, settings: Mapping[str, Any], site: str) -> Answer:
         )
     if settings.get("ensemble", {}).get("table"):
         return Answer(question, f"The table of members states the volumes: add rows with {factor} of 2.")
-    sampled = f" ensemble.parameters.{factor}=" if factor in study.members else ""
-    command = f"runout run {site} --set {factor}=2{sampled} --out {site}_doubled"
-    return Answer(question, "Not in these maps, unless the factor above reaches 2. This command runs it.", command=command)
+    known = f"The members have {_range(study, factor)}. " if factor in study.members else "Not in these maps. "
+    return Answer(question, known + DOUBLED, command=f"runout what-if {site} {factor}=1,2")
 
 
 def _calibrated(settings: Mapping[str, Any], site: str) -> Answer:

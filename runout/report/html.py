@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from runout.report import confidence, figures, first_screen, probe_figures, sheets, tables
 from runout.report.calibration import calibration_section
@@ -207,13 +207,19 @@ def render(content: dict[str, Any], template: str = TEMPLATE) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(_template)
     )
-    environment.filters["css_string"] = _css_string
+    environment.filters |= {"css_string": _css_string, "commands": _commands}
     return environment.get_template(template).render(**content)
 
 
 def _css_string(text: str) -> Markup:
     """A string of CSS, in which all signs but letters and digits are escaped."""
     return Markup('"' + "".join(c if c.isalnum() or c in " ,.-" else f"\\{ord(c):x} " for c in text) + '"')
+
+
+def _commands(text: str) -> Markup:
+    """A sentence in which what stands between backquotes is a command."""
+    parts = (Markup("<code>{}</code>").format(part) if k % 2 else escape(part) for k, part in enumerate(text.split("`")))
+    return Markup("").join(parts)
 
 
 def _template(name: str) -> str:

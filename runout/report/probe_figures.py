@@ -121,4 +121,8 @@ def _range(values: "xr.DataArray", divisor: float) -> str:
         return number(float(values) / divisor)
     levels = values[PERCENTILE].values
     low, middle, high = (float(values.sel(percentile=q)) / divisor for q in (levels.min(), levels[len(levels) // 2], levels.max()))
-    return number(middle) if np.isnan([low, high]).all() else f"{number(middle)} ({number(low)}{TO}{number(high)})"
+    if np.isnan([low, high]).all():
+        return number(middle)
+    if np.isnan(high):  # of an arrival that some members do not have
+        return f"{number(middle)} (from {number(low)})"
+    return f"{number(middle)} ({number(low)}{TO}{number(high)})"

@@ -393,6 +393,8 @@ def _lines(section: dict[str, Any], before: str = "") -> list[tuple[str, str]]:
             lines += _lines(value, "" if key == "parameters" else f"{_words(key)}: ")
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             lines += [line for i, v in enumerate(value) for line in _lines(v, f"{_words(key)} {i + 1}: ")]
+        elif value == []:
+            lines.append((before + _words(key), "none"))
         elif value not in (None, "", {}):
             lines.append((before + _words(key), _value(key, value)))
     return lines

@@ -2,7 +2,7 @@
 
 import logging
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
@@ -15,6 +15,7 @@ from runout.config.schema import MOST_SNAPSHOTS
 from runout.config.site_files import may_hold_bodies
 from runout.errors import ConfigError, RenderError
 from runout.io.draped_image import draped_image
+from runout.io.member_maps import MemberMaps
 from runout.view import film, process
 from runout.view.camera import stated_direction
 from runout.view.frames import flow_scene, held
@@ -129,22 +130,26 @@ def of_last_run(site_path: Path, out: Path | None, choices: Choices) -> Choices:
 
 
 def representative_member(study: Study) -> int:
-    """Number of the finished member with the median run-out, by weight; 0 if no member has run."""
-    import pandas as pd
+    """Number of the finished member with the median run-out, as in the report; 0 if no member has run."""
+    from runout.hazard.reach import representative_of
+    from runout.workflow.sensitivity import reach_of
 
-    from runout.hazard.reach import representative
-    from runout.workflow.sensitivity import member_scalars
-
-    done = [standing.member for standing in study.standings if standing.state == "done"]
+    done = {standing.member.number: standing.member for standing in study.standings if standing.state == "done"}
     if not done:
         LOGGER.info("no member has run with these settings: member 0 is shown")
         return 0
-    numbers = [member.number for member in done]
-    distances = member_scalars(study.site, study.results, done)["runout_distance"]
-    table = pd.DataFrame({"runout_distance": distances, "weight": study.members["weight"][numbers].to_numpy()}, index=numbers)
-    number = representative(table)
-    LOGGER.info("member %d: the median run-out of %d members, %.4g m", number, len(done), distances[numbers.index(number)])
+    maps = _opened({number: member.file(study.results) for number, member in done.items()})
+    least = min(study.site.settings.hazard.thickness_thresholds)
+    number = representative_of(maps, study.members["weight"], reach_of(study.site), least)
+    LOGGER.info("member %d has the median run-out of %d members", number, len(done))
     return number
+
+
+def _opened(paths: "Mapping[int, Path]") -> "Iterator[tuple[int, MemberMaps]]":
+    """Maps of members by number, one open file at a time."""
+    for number, path in paths.items():
+        with MemberMaps(path) as maps:
+            yield number, maps
 
 
 def scene_of(site_path: Path, out: Path | None, choices: Choices) -> FlowScene:

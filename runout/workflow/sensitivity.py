@@ -96,11 +96,16 @@ def finished_members(study: Study) -> "list[Member]":
     return done
 
 
-def member_scalars(site: "Site", results: Path, members: "list[Member]") -> dict[str, np.ndarray]:
-    """Area, run-out, deposit and escaped share of members, and the volume past each cross-section of the site, each (members,)."""
+def reach_of(site: "Site") -> Reach:
+    """Distances from the masses of a site on its terrain."""
     terrain = site.terrain()
     released = thickness_of(site.masses(), terrain) > 0
-    reach = Reach.on(released, terrain.easting, terrain.northing, terrain.elevation)
+    return Reach.on(released, terrain.easting, terrain.northing, terrain.elevation)
+
+
+def member_scalars(site: "Site", results: Path, members: "list[Member]") -> dict[str, np.ndarray]:
+    """Area, run-out, deposit and escaped share of members, and the volume past each cross-section of the site, each (members,)."""
+    reach = reach_of(site)
     has_sections = site.files.probes() is not None
     rows: list[dict[str, float]] = []
     for member in members:

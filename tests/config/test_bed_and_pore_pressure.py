@@ -93,7 +93,7 @@ def test_each_law_of_erosion_has_its_own_sampled_parameters():
     assert bed.sampled_ranges()["erosion_rate"].high == 10
     for name, unit in (("erosion_rate", "m s-1"), ("erosion_specific_energy", "J kg-1"), ("erosion_friction_angle_deg", "degree")):
         assert parameter_variable(name).units == unit
-    assert parameter_variable("erosion_rate").long_name == "erosion, erosion rate, normal to the ground"
+    assert parameter_variable("erosion_rate").long_name == "erosion rate, normal to the ground (erosion)"
     assert [udunits(unit) for unit in ("", "deg", "m/Pa", "1/m", "m/s2")] == ["1", "degree", "m Pa-1", "m-1", "m s-2"]
 
 

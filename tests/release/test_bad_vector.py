@@ -245,3 +245,20 @@ def test_a_path_with_a_semicolon_is_read_and_one_with_an_exclamation_mark_is_nam
     path = path.rename(path.with_name("a!b.gpkg"))
     with pytest.raises(ReleaseError, match="rename it or its folder without !"):
         Release.from_vector(path, terrain, thickness=2.0)
+
+
+@pytest.mark.parametrize("case", ["the outline crosses itself", "a hole crosses the outline", "two of its parts overlap"])
+def test_a_polygon_that_is_not_valid_is_refused_in_another_coordinate_system_too(case, write_polygons, terrain):
+    polygon, words = NOT_VALID[case]
+    path = write_polygons([square(10, 10), polygon], "release.geojson", crs="EPSG:4326")
+    refused(path, terrain, "polygon 2 is not valid", words[0])
+
+
+def test_geojson_with_the_latitude_first_is_refused_with_the_remedy(write_polygons, terrain):
+    path = write_polygons([SQUARE], "release.geojson", crs="EPSG:4326")
+    stated = json.loads(path.read_text())
+    for feature in stated["features"]:
+        rings = feature["geometry"]["coordinates"]
+        feature["geometry"]["coordinates"] = [[[north, east] for east, north in ring] for ring in rings]
+    path.write_text(json.dumps(stated))
+    refused(path, terrain, "its coordinates are latitude, longitude", "Swap X and Y coordinates")

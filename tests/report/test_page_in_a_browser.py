@@ -1,6 +1,7 @@
 """The report in Chromium: it asks no host, reports no error, fits a phone, prints on whole pages and passes the checks of axe."""
 
 import base64
+import io
 import re
 import shutil
 import subprocess
@@ -22,6 +23,16 @@ WIDE = """(() => {
     const own = (element) => !element.closest(".scroll, .explorer, svg, .skip");
     const wide = [...document.querySelectorAll("body *")].filter((element) => beyond(element) && own(element));
     return wide.slice(0, 5).map((element) => element.outerHTML.slice(0, 90));
+})()"""
+
+CORNER = """(() => {
+    const box = document.getElementById("explorer-map").getBoundingClientRect();
+    return [box.left + scrollX, box.top + scrollY];
+})()"""
+
+BROKEN = """(() => {
+    const narrow = [...document.querySelectorAll("table.text:not(.stack) td")].filter((cell) => cell.getBoundingClientRect().width);
+    return narrow.filter((cell) => cell.getBoundingClientRect().width < 60).map((cell) => cell.textContent.trim().slice(0, 60));
 })()"""
 
 SCALES = """(() => {
@@ -47,6 +58,17 @@ def test_the_page_asks_no_host_reports_no_error_and_does_not_scroll_sideways(pat
         assert page.errors == []
         assert page.requests == []
         assert page.run("getComputedStyle(document.querySelector('.sheets')).display") == "none"
+        assert rim_of_the_map(page) == {(255, 255, 255)}  # no rest of a label that was drawn before the map had its size
+        assert page.run(BROKEN) == []
+
+
+def rim_of_the_map(page):
+    """Colours of the two uppermost rows of pixels left of the frame of the map."""
+    page.run("new Promise((done) => setTimeout(done, 500))")  # the map draws its pictures after it is ready
+    left, top = page.run(CORNER)
+    clip = {"x": left, "y": top, "width": 40, "height": 2, "scale": 1}
+    picture = page.call("Page.captureScreenshot", format="png", clip=clip, captureBeyondViewport=True)
+    return set(Image.open(io.BytesIO(base64.b64decode(picture["data"]))).convert("RGB").getdata())
 
 
 @pytest.mark.skipif(AXE is None, reason="needs axe-core-python, of the extra test")

@@ -1,10 +1,11 @@
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from runout.hazard.reach import Reach, representative
+from runout.hazard.reach import Reach, representative, representative_of
 
 EASTING, NORTHING = np.arange(5.0, 100.0, 10.0), np.arange(190.0, 0.0, -20.0)  # cells of 10 m by 20 m
 PLANE = np.broadcast_to(NORTHING[:, None], (10, 10))  # falls 45 degrees to the south
@@ -44,3 +45,13 @@ def test_a_flow_that_stays_in_its_release_has_no_runout_and_no_angle():
 def test_the_representative_member_has_the_median_runout():
     table = pd.DataFrame({"runout_distance": [500.0, 100.0, np.nan, 300.0]}, index=[0, 1, 2, 3])
     assert representative(table) == 3
+
+
+def test_a_film_thinner_than_the_lowest_threshold_does_not_make_a_member_the_median():
+    released = np.array([[True, False, False, False]])
+    reach = Reach.on(released, np.arange(4) * 10.0, np.zeros(2), np.zeros((1, 4)))
+    thickness = {0: [1.0, 1.0, 0.01, 0.01], 1: [1.0, 1.0, 1.0, 0.0], 2: [1.0, 1.0, 1.0, 1.0]}
+    maps = [(number, SimpleNamespace(within=lambda name, part, h=h: np.array([h])[part])) for number, h in thickness.items()]
+    weights = pd.Series(1.0, index=range(3))
+    assert representative_of(maps, weights, reach, least=0.1) == 1
+    assert representative_of(maps, weights, reach, least=0.001) == 0

@@ -1,5 +1,6 @@
 """`runout open`: the report in the browser, the project in QGIS; `view` and `animate` take the representative member."""
 
+import json
 import os
 import time
 import webbrowser
@@ -10,10 +11,10 @@ from ramp_site import write_site
 
 from runout import cli
 from runout.config.site import read_site
-from runout.ensemble.member import plan_members
 from runout.errors import ExitCode
+from runout.hazard.reach import representative
+from runout.report.study import read_study
 from runout.workflow import seeing
-from runout.workflow.sensitivity import member_scalars
 from runout.workflow.study import Study
 
 
@@ -86,13 +87,14 @@ def test_qgis_gets_the_project(finished_site, tmp_path, program, monkeypatch, ca
     assert written(said) == str(project)
 
 
-def test_the_member_of_the_last_run_is_the_one_with_the_median_run_out(finished_site):
+def test_the_member_of_the_last_run_is_that_of_the_report_and_of_the_products(finished_site):
     folder, _ = finished_site
     study = Study.open(folder)
-    members = plan_members(study.site)
-    distances = member_scalars(study.site, study.results, members)["runout_distance"]
     number = seeing.representative_member(study)
-    assert distances[number] == np.sort(distances)[1]  # the lower one of the two in the middle
+    valid = read_study(study.results).valid
+    assert valid["runout_distance"][number] == np.sort(valid["runout_distance"])[1]  # the lower one of the two in the middle
+    assert number == representative(valid)
+    assert number == json.loads((study.results / "run.json").read_text())["representative_member"]
     assert seeing.of_last_run(folder, None, seeing.Choices(member=3)).member == 3
     assert seeing.of_last_run(folder, None, seeing.Choices()).member == number
 
