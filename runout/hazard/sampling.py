@@ -166,8 +166,16 @@ class Strata:
         return np.array(errors).reshape(len(limits), len(values))
 
     def deviations(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
-        """0: the scenarios have nets of their own, whose spread counts as it is."""
-        return np.zeros(2)
+        """Mean squares (2,) of the deviations in the nets of the scenarios, with the squares of their shares of the rate.
+
+        Parameters as those of :meth:`Estimator.deviations`. 0 if a scenario has no net: its error needs no factor.
+        """
+        total = np.zeros(2)
+        for place, blocks in zip(self.places, self.blocks if all(self.blocks) else (), strict=bool(all(self.blocks))):
+            columns = np.flatnonzero(np.isin(members, place))
+            within, share = np.searchsorted(place, members[columns]), self.weights[place].sum()
+            total += share**2 * Estimator(blocks, "").deviations(values[:, columns], within, len(place))
+        return total
 
     def of_mean(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
         """Standard error (cells,) of the mean over the members; parameters as those of :meth:`Estimator.spread`."""
