@@ -158,7 +158,8 @@ class Strata:
         others = [name for name in self.names if name not in nets]
         parts = [f"that of the spread over {BLOCKS} blocks of the net of each of {', '.join(nets)}"] if nets else []
         parts += [f"that of independent members of each of {', '.join(others)}"] if others else []
-        return f"sqrt(sum(f_s^2 s_s^2)) over {len(self.names)} scenarios of {members} members, s_s {' and '.join(parts)}"
+        factor = "" if others else ", times the evenness of the nets in the map"
+        return f"sqrt(sum(f_s^2 s_s^2)) over {len(self.names)} scenarios of {members} members, s_s {' and '.join(parts)}{factor}"
 
     def spread(self, values: np.ndarray, members: np.ndarray, ensemble_size: int, limits: np.ndarray) -> np.ndarray:
         """Standard errors (limits, cells); parameters as those of :meth:`Estimator.spread`."""
