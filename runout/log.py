@@ -278,6 +278,17 @@ def _status_line() -> Iterator[StatusLine]:
 
 
 @contextmanager
+def hidden_progress() -> Iterator[None]:
+    """Context without lines of progress, for one of several runs at the same time."""
+    with StatusLine(hidden=True) as line:
+        token = LINE.set(line)
+        try:
+            yield
+        finally:
+            LINE.reset(token)
+
+
+@contextmanager
 def progress_of_stages() -> Iterator[Callable[[str], None]]:
     """Context of one line for all stages of a run. Call the returned function with the name of each when it begins."""
     with _status_line() as line:

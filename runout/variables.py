@@ -228,6 +228,10 @@ _DANGER = {
         "1", "level of danger: highest of the matrix of intensity and return period", dtype="uint8",
         comment="annual, over all scenarios of the site; the attribute checked states how each level was verified",
     ),
+    "class_annual_exceedance": Variable(
+        "year-1", "annual rate at which the class of intensity or a stronger one is reached", valid_min=0.0,
+        comment="over all scenarios of the site; the classes at return periods follow from it",
+    ),
 }  # fmt: skip
 
 _SURVEYED = "of the surveyed cells; negative where the ground was lowered; changes below the detection limit count as 0"
@@ -322,6 +326,7 @@ _COORDINATES = {
         for q in ALL_QUANTITIES.values()
     },
     "percentile": _double("percent", "percentile over the members, by weight"),
+    "class_number": Variable("1", "number of the class of intensity, from the weakest", dtype="int32"),
     "class_return_period": _double("year", "return period of the classes of intensity"),
     "return_period": _double("year", "return period"),
     "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),

@@ -2,13 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
 from runout.config.distributions import Settings, quantity, refuse
 from runout.config.quantities import Text
 from runout.config.scenarios import LONGEST_PERIOD, ordered
+from runout.config.stated_at import stated_place
+from runout.errors import ConfigError
 from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES, QUANTITIES, MapQuantity
 
 
@@ -96,6 +98,21 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
         unit="a",
         examples=[list(RETURN_PERIODS)],
     )
+    formats: Literal["all", "netcdf"] = quantity(
+        "files of the maps: all, or netcdf for hazard.nc and members.nc alone, without rasters, outlines, project and report", "all"
+    )
+
+
+def written_alone(site: Any) -> bool:
+    """Whether a site asks for ``hazard.nc`` without the other formats of the maps."""
+    return getattr(site.settings.hazard, "formats", "all") == "netcdf"
+
+
+def require_outlines(site: Any) -> None:
+    """Raise ConfigError if the site asks for no outlines, which its report shows."""
+    if written_alone(site):
+        where = stated_place(site.file, "hazard", "formats")
+        raise ConfigError(f"{where}: netcdf leaves out the outlines and rasters that the report shows; write `formats: all`")
 
 
 def without_a_bed(hazard: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

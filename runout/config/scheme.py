@@ -198,11 +198,6 @@ class DangerScheme(Settings):
         parts: list[Any] = [*self.classes, *self.levels, *filter(None, (self.return_periods, self.risk, self.matrix))]
         return [state for state in CHECKED if state in {part.checked for part in parts}]
 
-    def level_number(self, intensity: str, period: int) -> int:
-        """Number of the level, from 1 for the lowest, of a class at the return period of a place among :attr:`years`."""
-        assert self.matrix
-        return [level.name for level in self.levels].index(self.matrix.rows[intensity][period]) + 1
-
     def remarks(self, has_bed: bool) -> list[str]:
         """Sentences on how criteria were compared, where that is not as the scheme asks for."""
         criteria = [(one.name, criterion) for one in self.classes for criterion in one.when]

@@ -2,19 +2,21 @@
 
 Each member has a class in each cell: the strongest of which it meets a criterion. At a return period T a cell has the strongest
 class that is reached at an annual rate of 1/T or more. Its level of danger is the highest that the matrix has for these classes.
+Rates of several sources add up before that (:mod:`runout.hazard.merging`).
 """
 
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout.config.scheme import DangerScheme, read_scheme
 from runout.errors import ConfigError
-from runout.hazard.frequency import Frequencies, at_return_period
+from runout.hazard.frequency import Frequencies, annual_exceedance
 from runout.io import netcdf
 from runout.palettes import palette_of
 
@@ -24,7 +26,9 @@ if TYPE_CHECKING:
     from runout.config.site import Site
 
 INTENSITY, LEVEL, PERIOD = "intensity_class", "danger_level", "class_return_period"
+RATE, CLASS = "class_annual_exceedance", "class_number"
 UNKNOWN = 255
+SINGLE = 1e-6  # relative rounding of rates that files keep in single precision: three rates of 1/300 reach 1/100
 
 
 @dataclass(frozen=True)
@@ -97,24 +101,13 @@ class DangerClasses:
 
         ``members`` are the places of the rows of ``classes`` among the rates; the others have the class 0.
         """
-        rate, values = self.rate[members], classes.astype(np.float32)
-        ever = np.asarray((classes[rate > 0] > 0).any(axis=0))
-        at_each = [np.nan_to_num(at_return_period(values, rate, years)).astype(np.uint8) for years in self.scheme.years]
-        maps = {INTENSITY: np.stack(at_each)}
-        if self.scheme.matrix:
-            maps[LEVEL] = self._level(maps[INTENSITY], ever)
-        return maps
+        rate = self.rate[members]
+        rates = np.stack([annual_exceedance(classes, k, rate) for k in range(1, len(self.scheme.classes) + 1)])
+        return {RATE: rates, **from_rates(rates, self._record)}
 
-    def _level(self, intensity: np.ndarray, ever: np.ndarray) -> np.ndarray:
-        """Highest level of the matrix for the classes (periods, ...); the one beyond where the cell is ``ever`` reached."""
-        level = np.zeros(ever.shape, np.uint8)
-        for period, at_period in enumerate(intensity):
-            cells = [0, *(self.scheme.level_number(one.name, period) for one in self.scheme.classes)]
-            level = np.maximum(level, np.array(cells, np.uint8)[at_period])
-        if self.scheme.beyond:
-            names = [one.name for one in self.scheme.levels]
-            level[(level == 0) & ever] = names.index(self.scheme.beyond) + 1
-        return level
+    @cached_property
+    def _record(self) -> dict[str, Any]:
+        return self.record()
 
     def tile(self, values: Mapping[str, np.ndarray], members: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
         """Name and values (..., cells) of each map from values (cells, members)."""
@@ -139,16 +132,48 @@ class DangerClasses:
 
     def add_to(self, dataset: "xr.Dataset") -> "xr.Dataset":
         """The dataset with maps of class 0, and level 0 if there is a matrix, with the meanings of their numbers."""
-        shape, scheme, record = (dataset.sizes["y"], dataset.sizes["x"]), self.scheme, self.record()
-        dataset = dataset.assign_coords({PERIOD: np.array(scheme.years, np.float64)})
-        netcdf.add_map(dataset, INTENSITY, np.zeros((len(scheme.years), *shape), np.uint8), (PERIOD,))
-        dataset[INTENSITY].attrs |= _flags("not reached", record["classes"])
-        if scheme.matrix:
-            netcdf.add_map(dataset, LEVEL, np.zeros(shape, np.uint8))
-            dataset[LEVEL].attrs |= _flags("not in danger", record["levels"])
-        for name in (INTENSITY, LEVEL) if scheme.matrix else (INTENSITY,):
-            dataset[name].attrs |= {"scheme": scheme.title, "scheme_record": json.dumps(record)}
-        return dataset
+        return with_classes(dataset, self.record())
+
+
+def from_rates(rates: np.ndarray, record: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Class at each return period (periods, ...) and level of danger (...), by the names of their maps.
+
+    Parameters
+    ----------
+    rates : ndarray (classes, ...)
+        Annual rate [1/a] at which each class or a stronger one is reached.
+    record : mapping
+        Of the scheme, see :meth:`DangerClasses.record`. The level is that of its matrix, the highest of all return periods; the one
+        beyond where the cell is reached more rarely.
+    """
+    intensity = np.stack([
+        (rates >= (1.0 - SINGLE) / years).sum(axis=0).astype(np.uint8) for years in record["return_periods"]["years"]
+    ])  # fmt: skip
+    if not record["matrix"]:
+        return {INTENSITY: intensity}
+    number = {"": 0} | {one["name"]: one["number"] for one in record["levels"]}
+    level, rows = np.zeros(rates.shape[1:], np.uint8), record["matrix"]["rows"]
+    for period, at_period in enumerate(intensity):
+        cells = [0, *(number[rows[one["name"]][period]] for one in record["classes"])]
+        level = np.maximum(level, np.array(cells, np.uint8)[at_period])
+    level[(level == 0) & (rates[0] > 0)] = number[record["beyond"] or ""]
+    return {INTENSITY: intensity, LEVEL: level}
+
+
+def with_classes(dataset: "xr.Dataset", record: Mapping[str, Any]) -> "xr.Dataset":
+    """The dataset with rates and maps of class 0, and level 0 if there is a matrix, with the meanings of their numbers."""
+    shape, years = (dataset.sizes["y"], dataset.sizes["x"]), record["return_periods"]["years"]
+    numbers = np.array([one["number"] for one in record["classes"]], np.int32)
+    dataset = dataset.assign_coords({PERIOD: np.array(years, np.float64), CLASS: numbers})
+    netcdf.add_map(dataset, RATE, np.zeros((len(numbers), *shape), np.float32), (CLASS,))
+    netcdf.add_map(dataset, INTENSITY, np.zeros((len(years), *shape), np.uint8), (PERIOD,))
+    dataset[INTENSITY].attrs |= _flags("not reached", record["classes"])
+    if record["matrix"]:
+        netcdf.add_map(dataset, LEVEL, np.zeros(shape, np.uint8))
+        dataset[LEVEL].attrs |= _flags("not in danger", record["levels"])
+    for name in (INTENSITY, LEVEL) if record["matrix"] else (INTENSITY,):
+        dataset[name].attrs |= {"scheme": record["title"], "scheme_record": json.dumps(record)}
+    return dataset
 
 
 def _entry(number: int, name: str, colour: str, checked: str, text: str) -> dict[str, Any]:

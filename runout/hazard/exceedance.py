@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from runout.errors import StorageError
-from runout.hazard.danger import INTENSITY, LEVEL, DangerClasses
+from runout.hazard.danger import INTENSITY, LEVEL, RATE, DangerClasses
 from runout.hazard.frequency import Frequencies, annual_exceedance, at_return_period
 from runout.hazard.joint import Condition, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
@@ -377,7 +377,7 @@ class _Maps:
                 self._undefine(product, unknown, k)
         if self.danger:
             unknown = np.any([undefined[name] for name in self.danger.quantities if name in undefined], axis=0)
-            for name in (INTENSITY, LEVEL):
+            for name in (RATE, INTENSITY, LEVEL):
                 self._undefine(name, unknown)
         for name in (*self.quantities, "joint"):
             self._add_mean_error(name)

@@ -1,7 +1,8 @@
 """Merged maps of several sites: largest values, probability and annual rate that any source reaches, and each source as a layer.
 
 The members of different sites are not those of one ensemble. Sources count as independent: the probability that any of them reaches
-a threshold, if all of them happen, is 1 - prod(1 - P_k); the annual rates of their scenarios add up.
+a threshold, if all of them happen, is 1 - prod(1 - P_k); the annual rates of their scenarios add up. Classes of intensity and
+levels of danger follow from the summed rates of the classes, by the return periods and the matrix of the scheme.
 """
 
 import logging
@@ -13,8 +14,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from runout.errors import ConfigError, InputError, StorageError
-from runout.io import netcdf
+from runout.hazard.danger import INTENSITY, RATE, UNKNOWN, from_rates, scheme_record, with_classes
+from runout.io import netcdf, source_code
+from runout.io.atomic import read_json, write_json
+from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.geotiff import write_cog
+from runout.io.provenance import checksum, sha256
 from runout.model.terrain import Terrain
 from runout.quantities import ALL_QUANTITIES, FIRST_ARRIVAL
 
@@ -22,12 +27,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LOGGER = logging.getLogger("runout.merging")
-MERGED, MAPS = "merged.nc", "maps"
+MERGED, MAPS, RECORD = "merged.nc", "maps", "merged.json"
 PROBABILITY, BY_SOURCE, MAIN, COUNT = "inundation_probability", "source_probability", "main_source", "sources_reached"
 NEEDED = ("elevation", PROBABILITY, FIRST_ARRIVAL)  # maps of every product
 SAME_LATTICE = 1e-3  # of a cell, by which the cells of two sites may differ
 INDEPENDENT = "1 - product of 1 - P of the sources, which count as independent, if each of them happens"
 SUM = "sum of the annual rates of the sources"
+OF_SUM = "from the sum of the annual rates of the classes"
 
 
 @dataclass(frozen=True)
@@ -99,6 +105,8 @@ class Grid:
 def write_merged(products: Sequence[Path], folder: Path, title: str = "Several sites") -> list[Path]:
     """Paths of ``merged.nc`` and of a GeoTIFF of each map, after merging hazard maps of several sites.
 
+    Files that an earlier call made of the same content are kept.
+
     Parameters
     ----------
     products : sequence of Path
@@ -110,11 +118,16 @@ def write_merged(products: Sequence[Path], folder: Path, title: str = "Several s
     Raises
     ------
     ConfigError
-        If the coordinate systems or the thresholds of the sites differ.
+        If the coordinate systems, the thresholds or the schemes of the sites differ.
     StorageError
         If a file cannot be read or written.
     """
     sources = _named(products)
+    key = checksum([source_code.checksums().products, title, [[name, sha256(path)] for name, path in sources.items()]])
+    if unchanged := _unchanged(folder, key):
+        LOGGER.info("nothing to do: %s is up to date", folder / MERGED)
+        return unchanged
+    (folder / RECORD).unlink(missing_ok=True)
     grids = {name: Grid.of(read_product(path)) for name, path in sources.items()}
     _require_one_system(grids, sources)
     grid = Grid.around(list(grids.values()))
@@ -124,8 +137,21 @@ def write_merged(products: Sequence[Path], folder: Path, title: str = "Several s
         LOGGER.warning("%s", sentence)
     merged = _merged(sources, grid, title)
     merged.attrs |= {"changes_of_inputs": sentence} if resampled else {}
-    path = _write(merged, sources, grid, folder / MERGED)
-    return [path, *_write_rasters(merged, folder / MAPS), *_write_sources(sources, grid, merged, folder / MAPS)]
+    paths = [_write(merged, sources, grid, folder / MERGED)]
+    paths += [*_write_rasters(merged, folder / MAPS), *_write_sources(sources, grid, merged, folder / MAPS)]
+    files = {path.relative_to(folder).as_posix(): one.stored() for path, one in fingerprints(paths).items()}
+    write_json({"key": key, "files": files}, folder / RECORD)
+    return paths
+
+
+def _unchanged(folder: Path, key: str) -> list[Path]:
+    """Files of an earlier call with the same key, if all are as it wrote them; else none."""
+    stored = read_json(folder / RECORD)
+    files = stored.get("files") if stored.get("key") == key else None
+    if not isinstance(files, Mapping):
+        return []
+    entries = {folder / name: Fingerprint.read(entry) for name, entry in files.items()}
+    return list(entries) if all(entry and not entry.fault(path) for path, entry in entries.items()) else []
 
 
 def product_of(path: Path) -> Path:
@@ -194,6 +220,8 @@ def _plans(maps: "xr.Dataset") -> Iterator[tuple[str, Plan]]:
             yield quantity.exceedance("probability"), Plan(_any, 0.0, INDEPENDENT)
         if quantity.annual_exceedance in maps:
             yield quantity.annual_exceedance, Plan(np.add, 0.0, SUM)
+    if RATE in maps:
+        yield RATE, Plan(np.add, 0.0, SUM)
     yield PROBABILITY, Plan(_any, 0.0, INDEPENDENT)
     yield FIRST_ARRIVAL, Plan(np.fmin, np.nan, "earliest of the sources")
 
@@ -251,6 +279,7 @@ def _merged(sources: Mapping[str, Path], grid: Grid, title: str) -> "xr.Dataset"
     for number, path in enumerate(paths, 1):
         maps = read_product(path)
         _require_thresholds(first, maps, path)
+        _require_scheme(first, maps, path)
         joined.take(number, maps)
     dataset = _dataset(grid, joined.elevation, sources, title)
     for name, values, words in joined.maps():
@@ -258,7 +287,30 @@ def _merged(sources: Mapping[str, Path], grid: Grid, title: str) -> "xr.Dataset"
         dataset = dataset.assign_coords({dim: first[dim] for dim in dims if dim not in dataset.coords})
         netcdf.add_map(dataset, name, values, dims)
         dataset[name].attrs |= {"comment": f"over the sources: {words}"} if words else {}
+    return _with_danger(dataset, first)
+
+
+def _with_danger(dataset: "xr.Dataset", first: "xr.Dataset") -> "xr.Dataset":
+    """The merged maps with classes and levels of danger, if they have the annual rates of the classes."""
+    record = scheme_record(first)
+    if RATE not in dataset or record is None:
+        return dataset
+    rates = dataset[RATE].copy()
+    unknown = ~np.isfinite(rates.values).all(axis=0)
+    dataset = with_classes(dataset, record)
+    dataset[RATE] = rates
+    for name, values in from_rates(np.nan_to_num(rates.values), record).items():
+        dataset[name].values[...] = np.where(unknown, UNKNOWN, values)
+        dataset[name].attrs["comment"] = f"over the sources: {OF_SUM}"
     return dataset
+
+
+def _require_scheme(first: "xr.Dataset", other: "xr.Dataset", path: Path) -> None:
+    """Raise ConfigError if two sites have danger classes of different schemes; remarks on the comparison may differ."""
+    one, two = ({**(scheme_record(maps) or {}), "remarks": None} for maps in (first, other))
+    if one != two and INTENSITY in first and INTENSITY in other:
+        titles = f"{two.get('title')!r}, that of the first site {one.get('title')!r}"
+        raise ConfigError(f"{path}: its scheme of danger classes is {titles}; state the same scheme, unchanged, in all sites")
 
 
 def _require_thresholds(first: "xr.Dataset", other: "xr.Dataset", path: Path) -> None:

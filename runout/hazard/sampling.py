@@ -158,7 +158,8 @@ class Strata:
         others = [name for name in self.names if name not in nets]
         parts = [f"that of the spread over {BLOCKS} blocks of the net of each of {', '.join(nets)}"] if nets else []
         parts += [f"that of independent members of each of {', '.join(others)}"] if others else []
-        return f"sqrt(sum(f_s^2 s_s^2)) over {len(self.names)} scenarios of {members} members, s_s {' and '.join(parts)}"
+        factor = "" if others else ", times the evenness of the nets in the map"
+        return f"sqrt(sum(f_s^2 s_s^2)) over {len(self.names)} scenarios of {members} members, s_s {' and '.join(parts)}{factor}"
 
     def spread(self, values: np.ndarray, members: np.ndarray, ensemble_size: int, limits: np.ndarray) -> np.ndarray:
         """Standard errors (limits, cells); parameters as those of :meth:`Estimator.spread`."""
@@ -166,8 +167,16 @@ class Strata:
         return np.array(errors).reshape(len(limits), len(values))
 
     def deviations(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
-        """0: the scenarios have nets of their own, whose spread counts as it is."""
-        return np.zeros(2)
+        """Mean squares (2,) of the deviations in the nets of the scenarios, with the squares of their shares of the rate.
+
+        Parameters as those of :meth:`Estimator.deviations`. 0 if a scenario has no net: its error needs no factor.
+        """
+        total = np.zeros(2)
+        for place, blocks in zip(self.places, self.blocks if all(self.blocks) else (), strict=bool(all(self.blocks))):
+            columns = np.flatnonzero(np.isin(members, place))
+            within, share = np.searchsorted(place, members[columns]), self.weights[place].sum()
+            total += share**2 * Estimator(blocks, "").deviations(values[:, columns], within, len(place))
+        return total
 
     def of_mean(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
         """Standard error (cells,) of the mean over the members; parameters as those of :meth:`Estimator.spread`."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout import log
+from runout.config.hazard import require_outlines, written_alone
 from runout.errors import ConfigError, ExitCode, PartialEnsembleError
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
@@ -155,6 +156,11 @@ def run_second_grid(site_path: Path, out: Path | None = None, device: str | None
 
 def run_study(study: Study, stages: Sequence[str] = STAGES, force: bool = False) -> Outcome:
     """Run the stages of a study that are not up to date; arguments and errors as of :func:`run`."""
+    if written_alone(study.site) and "report" in stages:
+        if len(stages) == 1:
+            require_outlines(study.site)
+        LOGGER.info("no report: hazard.formats is netcdf, without the outlines and rasters that it shows")
+        stages = [stage for stage in stages if stage != "report"]
     with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)

@@ -1,7 +1,8 @@
 """Regional work: each release of a site becomes a site of its own on a part of the elevation raster, and their maps are merged.
 
 The folder of the sources has one site folder for each, with a site.yaml and its polygon, so that any command and any scheduler runs
-them. Files that have not changed are not written again: a second call computes what is missing only.
+them. Files that have not changed are not written again: a second call computes what is missing only. Sources run at the same time,
+each in one process that keeps its libraries and kernels for the next ones.
 """
 
 import io
@@ -11,19 +12,25 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runout import log
 from runout.errors import ConfigError, ExitCode, InputError, RunoutError
 
 if TYPE_CHECKING:
     import geopandas as gpd
 
     from runout.config.site import Site
+    from runout.ensemble.workers import Share
+    from runout.io.fingerprint import KnownFiles
 
 LOGGER = logging.getLogger("runout.regional")
 FOLDER, SOURCES, POLYGON = "regional", "sources", "release.fgb"
 STAGES = ("terrain", "release", "ensemble", "hazard")
+EXTENTS = "extents.json"  # extents of the sources, for the settings and the inputs that they follow from
+SOURCES_PER_GPU = 4  # at the same time, so that it computes while others read and write
 WHOLE = ("probes", "structures", "bed")  # blocks whose places may lie anywhere, so that a source keeps the extent of the site
 _LOCAL = ("obstacles", "friction_zones", "friction_rasters")  # such blocks of the terrain
 NAME, LONGEST = re.compile(r"[^A-Za-z0-9_-]+"), 60
@@ -132,6 +139,7 @@ def _settings(site: "Site", stated: Mapping[str, Any], name: str, rate: float | 
     content = deepcopy(site.stated())
     title = content.get("title") or site.name
     content |= {"name": name, "title": f"{title}: {name}", "release": [dict(stated)]}
+    content["hazard"] = {"formats": "netcdf"} | dict(content.get("hazard") or {})
     content.pop("observations", None)  # of the event of all sources
     ensemble = content.get("ensemble", {})
     of_release = stated["name"]
@@ -160,7 +168,9 @@ def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) ->
     """
     if site.settings.observations:
         LOGGER.info("observations are left out: they are of all sources together")
-    paths = []
+    from runout.io.fingerprint import KnownFiles
+
+    paths, known = [], KnownFiles(folder / EXTENTS)
     for source in sources_of(site, annual_rate):
         place = folder / SOURCES / source.name
         _make_folder(place / "inputs")
@@ -170,13 +180,14 @@ def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) ->
             content["release"][0] |= {"polygons": f"inputs/{POLYGON}"}
             content["release"][0].pop("layer", None)
         try:
-            extent = _extent(site, content, place)
+            extent = _extent(site, content, place, known)
         except InputError as error:
             raise InputError(f"source {source.name}: {error}") from error
         if extent is not None:
             content["terrain"]["extent"] = extent
         _write_changed(place / "site.yaml", _yaml(content))
         paths.append(place)
+    known.save()
     return paths
 
 
@@ -206,22 +217,35 @@ def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
     return result
 
 
-def _extent(site: "Site", content: Mapping[str, Any], place: Path) -> list[float] | None:
+def _extent(site: "Site", content: Mapping[str, Any], place: Path, known: "KnownFiles") -> list[float] | None:
     """West, south, east and north of the part of the raster of a source; None: that of the site."""
-    from runout.config.document import read_text
-    from runout.config.extent import needed_extent
-    from runout.config.read import FILE_NAME, checked
+    from runout.io import source_code
+    from runout.io.provenance import checksum
     from runout.io.source_kinds import is_mesh
 
     terrain = content["terrain"]
     if any(content.get(key) for key in WHOLE) or any(terrain.get(key) for key in _LOCAL) or is_mesh(site.settings.terrain.dem):
         return None
-    derived = needed_extent(checked(read_text(_yaml(content), f"{place.name}/{FILE_NAME}"), place), place / FILE_NAME, largest=0)
-    own_extent = terrain.get("extent")
-    if derived is None:
+    inputs = [known.sha256(path) for path in (*site.inputs(), place / "inputs" / POLYGON) if path.is_file()]
+    key = checksum([source_code.checksums().members, content, inputs])
+    edges = known.value(place.name, key)
+    if edges is None:
+        edges = _derived(content, place)
+        known.note(place.name, key, edges)
+    if not edges:
         return None
-    pairs = enumerate(zip(derived.edges, own_extent or derived.edges, strict=True))
+    pairs = enumerate(zip(edges, terrain.get("extent") or edges, strict=True))
     return [round(max(a, b) if k < 2 else min(a, b), 6) for k, (a, b) in pairs]
+
+
+def _derived(content: Mapping[str, Any], place: Path) -> list[float]:
+    """Edges of the part of the raster within reach of a source; empty if it cannot be derived."""
+    from runout.config.document import read_text
+    from runout.config.extent import needed_extent
+    from runout.config.read import FILE_NAME, checked
+
+    derived = needed_extent(checked(read_text(_yaml(content), f"{place.name}/{FILE_NAME}"), place), place / FILE_NAME, largest=0)
+    return list(derived.edges) if derived else []
 
 
 def _write_polygon(polygon: "gpd.GeoDataFrame", path: Path) -> None:
@@ -268,18 +292,105 @@ def run_each(sites: Sequence[Path], run_one: Callable[[Path], int]) -> int:
         except RunoutError as error:
             LOGGER.error("%s: %s", site, error)
             codes.append(error.exit_code)
+    return _joined(codes)
+
+
+def _joined(codes: Sequence[int]) -> int:
+    """Exit code of several sites from those of each."""
     failed = {code for code in codes if code != ExitCode.OK}
-    LOGGER.info("%d of %d sites done", codes.count(ExitCode.OK), len(sites))
+    LOGGER.info("%d of %d sites done", codes.count(ExitCode.OK), len(codes))
     return failed.pop() if len(failed) == 1 else ExitCode.FAILURE if failed else ExitCode.OK
 
 
-def run_regional(site: "Site", folder: Path, annual_rate: str | None = None, **choices: Any) -> int:
-    """Exit code, after running the sources of a site and merging the maps of those that have some; ``choices`` of a run."""
-    from runout.hazard.merging import write_merged
+@dataclass(frozen=True)
+class Place:
+    """A source that a worker process runs: its number, from 1, and the folder of its site."""
+
+    number: int
+    folder: Path
+
+
+def run_places(
+    group: "Sequence[Place]", threads: int, *, progress: Callable[[int, float], None], device: str | None
+) -> dict[int, RunoutError]:
+    """Errors by number, after running sources in this process; a task of :mod:`runout.ensemble.worker`."""
+    from runout.errors import PartialEnsembleError
     from runout.workflow import hazard_map
 
+    errors: dict[int, RunoutError] = {}
+    for place in group:
+        with log.hidden_progress():
+            outcome = hazard_map.run(place.folder, None, STAGES, workers=1, threads=threads, device=device or "cpu")
+        if outcome.failed:
+            number, reason = next(iter(outcome.failed.items()))
+            errors[place.number] = PartialEnsembleError(f"{len(outcome.failed)} members failed; member {number}: {reason}")
+    return errors
+
+
+def _share(site: "Site", places: Sequence[Path], workers: int | None, threads: int | None, device: str) -> "Share":
+    """How sources share this machine: one a core, or some on each GPU, and no more than memory holds of the largest extent."""
+    from runout.config.site import read_site
+    from runout.ensemble.workers import Capacity, pack
+    from runout.workflow.plan import member_bytes
+
+    def cells(place: Path) -> float:
+        west, south, east, north = read_site(place).settings.terrain.extent or (0.0, 0.0, float("inf"), 1.0)
+        return (east - west) * (north - south)
+
+    here, count = Capacity.here(device), len(places)
+    wanted = workers or (SOURCES_PER_GPU * len(here.devices) or None)
+    if count < 2 or pack(here, count, wanted, threads).in_process:
+        return pack(here, 1, 1, threads)
+    largest = read_site(max(places, key=cells)).on_device(device)
+    return pack(here, count, wanted, threads, member_bytes(largest, [0]))
+
+
+def run_sources(site: "Site", places: Sequence[Path], workers: int | None, threads: int | None, device: str | None) -> int:
+    """Exit code as of :func:`run_each`. The first source runs alone, which compiles the kernels of all."""
+    from runout.ensemble.workers import in_workers
+    from runout.workflow import hazard_map
+
+    device = device or str(site.settings.simulation.device)
+    share = _share(site, places, workers, threads, device)
+    if share.in_process:
+        choices: dict[str, Any] = {"workers": workers, "threads": threads, "device": device}
+        return run_each(places, lambda place: hazard_map.run(place, None, STAGES, **choices).exit_code)
+    LOGGER.info("%d sources, %s", len(places), share)
+    code = run_each(places[:1], lambda place: hazard_map.run(place, None, STAGES, workers=workers, device=device).exit_code)
+    groups: Any = [(Place(number, place),) for number, place in enumerate(places[1:], 2)]
+    task: Any = partial(run_places, threads=share.threads)
+    codes = [code]
+    for done, outcome in enumerate(in_workers(task, groups, share.workers, share.threads, lambda *_: None, share.devices), 2):
+        place: Any = outcome.member
+        LOGGER.info("source %s: done in %.1f s, %d of %d", place.folder.name, outcome.seconds or 0.0, done, len(places))
+        if outcome.error is not None:
+            LOGGER.error("%s: %s", place.folder, outcome.error)
+        codes.append(getattr(outcome.error, "exit_code", ExitCode.FAILURE) if outcome.error is not None else ExitCode.OK)
+    return _joined(codes)
+
+
+def run_regional(
+    site: "Site",
+    folder: Path,
+    annual_rate: str | None = None,
+    *,
+    workers: int | None = None,
+    threads: int | None = None,
+    device: str | None = None,
+) -> int:
+    """Exit code, after running the sources of a site and merging the maps of those that have some.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Sources at the same time. Default: one a core, or four on each GPU.
+    threads, device
+        As of :func:`runout.workflow.hazard_map.run`.
+    """
+    from runout.hazard.merging import write_merged
+
     places = write_sources(site, folder, annual_rate)
-    code = run_each(places, lambda place: hazard_map.run(place, None, STAGES, **choices).exit_code)
+    code = run_sources(site, places, workers, threads, device)
     products = [place / "results" / "hazard.nc" for place in places]
     finished = [product for product in products if product.is_file()]
     if len(finished) < len(products):

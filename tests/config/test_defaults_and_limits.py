@@ -102,6 +102,7 @@ LIMITS = [  # model, other keys, key, valid values, values that are refused
     (HazardSettings, {}, "percentiles", [[1.0], [0.5, 99.9]], [[], [0.0, 5.0], [50.0, 100.0], [0.05, 0.5], [50, 5], [5, 5]]),
     (HazardSettings, {}, "thickness_thresholds", [[0.5]], [[], [0.0], [1.0, 0.5], [1.0, 1.0]]),
     (HazardSettings, {}, "speed_thresholds", [[], [0.1]], [[0.0], [2.0, 1.0]]),
+    (HazardSettings, {}, "formats", ["all", "netcdf"], ["tif", None]),
     (HazardSettings, {}, "joint", [[{"thickness": 1, "speed": 1}]], [[], [{"thickness": 1}], [{}]]),
     (DifferenceSettings, {"raster": "a.tif"}, "detection_limit", [0.0, 100.0], [-0.1, 100.1]),
     (GaugeSettings, {"points": "a"}, "speed", ["v"], [None]),

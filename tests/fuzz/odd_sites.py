@@ -378,6 +378,7 @@ INSERTED = (
     "bed_density", "erosion_most", "eroded_depth_thresholds", "net_deposition_thresholds", "joint",
     "inflow", "line", "polygon", "hydrograph", "discharge_factor", "inflow_delay", "start_time", "velocity", "speed", "azimuth_deg",
     "starts_when", "arrives", "scenarios", "table", "return_period", "annual_rate", "power_law", "return_periods", "scheme",
+    "formats",
     "scar.start_time", "pile.basal_mu", "spring.start_time",
 )  # fmt: skip
 

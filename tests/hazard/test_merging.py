@@ -171,3 +171,79 @@ def test_another_file_and_a_folder_that_is_a_file_are_refused(tmp_path, capsys):
     other = netcdf.write(netcdf.read(product).drop_vars("inundation_probability"), tmp_path / "other.nc")
     with pytest.raises(StorageError, match="holds no hazard maps"):
         write_merged([other], tmp_path / "m")
+
+
+def with_danger(path, rates, scheme="swiss_flood"):
+    """A hazard.nc with the annual rate (classes,) at which each class is reached wherever P > 0, and its own classes."""
+    from runout.config.scheme import read_scheme
+    from runout.hazard.danger import DangerClasses, from_rates, with_classes
+
+    with xr.open_dataset(path) as file:
+        dataset = file.load()
+    record = DangerClasses(read_scheme(scheme), np.ones(1), 0.5).record()
+    reached = (dataset["inundation_probability"].values > 0).astype(float)
+    dataset = with_classes(dataset, record)
+    dataset["class_annual_exceedance"].values[...] = np.array(rates)[:, None, None] * reached
+    for name, values in from_rates(dataset["class_annual_exceedance"].values, record).items():
+        dataset[name].values[...] = values
+    return netcdf.write(dataset, path)
+
+
+def test_classes_and_levels_follow_from_the_summed_rates_of_the_sources(tmp_path):
+    """Each source alone reaches its classes at 1/200 a year: beyond 100 years. Both together do at 1/100."""
+    a = with_danger(hazard(tmp_path, "a", A, rate=0.1), [1 / 200, 1 / 200, 0.0])
+    b = with_danger(hazard(tmp_path, "b", np.array(A) / 2, rate=0.01), [1 / 200, 0.0, 0.0])
+    write_merged([a, b], tmp_path / "m")
+    with xr.open_dataset(a) as one, xr.open_dataset(tmp_path / "m" / "merged.nc") as both:
+        assert one["intensity_class"].values[:, 0, 0].tolist() == [0, 0, 2]
+        assert both["intensity_class"].values[:, 0, 0].tolist() == [0, 1, 2]  # weak at 1/100, medium at 1/200
+        np.testing.assert_allclose(both["class_annual_exceedance"].values[:, 0, 0], [1 / 100, 1 / 200, 0.0], rtol=1e-6)
+        assert int(one["danger_level"][0, 0]) == 2  # yellow: medium at 300 years
+        assert int(both["danger_level"][0, 0]) == 2
+        assert int(both["danger_level"][0, 2]) == 0
+        assert "sum of the annual rates" in both["danger_level"].attrs["comment"]
+    assert (tmp_path / "m" / "maps" / "danger_level.tif").is_file()
+
+
+def test_the_level_of_two_sources_may_be_above_that_of_each(tmp_path):
+    files = [with_danger(hazard(tmp_path, name, A, rate=0.1), [1 / 150, 1 / 150, 0.0]) for name in "ab"]
+    write_merged(files, tmp_path / "m")
+    with xr.open_dataset(files[0]) as one, xr.open_dataset(tmp_path / "m" / "merged.nc") as both:
+        assert (int(one["danger_level"][0, 0]), int(both["danger_level"][0, 0])) == (2, 3)  # medium: yellow at 300, blue at 100
+
+
+def test_cells_that_no_site_covers_have_no_level(tmp_path):
+    a = with_danger(hazard(tmp_path, "a", A, rate=0.1), [0.1, 0.1, 0.1])
+    b = with_danger(hazard(tmp_path, "b", B, west=20.0, south=-10.0, rate=0.01), [0.1, 0.1, 0.1])
+    write_merged([a, b], tmp_path / "m")
+    with xr.open_dataset(tmp_path / "m" / "merged.nc", mask_and_scale=False) as file:
+        assert (file["danger_level"].values[0, 4:] == 255).all()
+        assert file["danger_level"].values[3, 5] == 4
+
+
+def test_sites_of_different_schemes_are_refused_and_classes_of_some_sites_are_left_out(tmp_path, caplog):
+    a = with_danger(hazard(tmp_path, "a", A, rate=0.1), [0.1, 0.1, 0.1])
+    b = with_danger(hazard(tmp_path, "b", A, rate=0.1), [0.1, 0.1], "swiss_debris_flow")
+    with pytest.raises(ConfigError, match="its scheme of danger classes is 'Swiss debris flow'"):
+        write_merged([a, b], tmp_path / "m")
+    write_merged([a, hazard(tmp_path, "c", A, rate=0.1)], tmp_path / "n")
+    assert "not all sites have class_annual_exceedance, which is left out" in caplog.text
+    with xr.open_dataset(tmp_path / "n" / "merged.nc") as file:
+        assert "danger_level" not in file
+
+
+def test_a_second_call_of_the_same_content_writes_nothing(tmp_path, caplog):
+    caplog.set_level("INFO")
+    files = [hazard(tmp_path, "a", A), hazard(tmp_path, "b", B)]
+    first = write_merged(files, tmp_path / "m")
+    times = [path.stat().st_mtime_ns for path in first]
+    assert sorted(write_merged(files, tmp_path / "m")) == sorted(first)
+    assert [path.stat().st_mtime_ns for path in first] == times
+    assert "nothing to do" in caplog.text
+    first[1].unlink()  # a raster that somebody removed
+    write_merged(files, tmp_path / "m")
+    assert first[1].is_file()
+    before = (tmp_path / "m" / "merged.nc").stat().st_mtime_ns
+    hazard(tmp_path, "b", np.array(B) / 2)
+    write_merged(files, tmp_path / "m")
+    assert (tmp_path / "m" / "merged.nc").stat().st_mtime_ns != before

@@ -10,7 +10,7 @@ from synthetic_ensemble import peaks_of, write_part
 
 from runout.ensemble.design import member_table, sobol_points
 from runout.hazard.exceedance import aggregate
-from runout.hazard.sampling import BLOCKS, SAFETY, Estimator, evenness, independent, no_net, rms
+from runout.hazard.sampling import BLOCKS, SAFETY, Estimator, Strata, evenness, independent, no_net, rms
 from runout.model.terrain import Terrain
 
 SIDE, NETS, TRUTH = 24, 200, 2**15
@@ -235,3 +235,36 @@ def test_cells_that_no_member_reaches_do_not_count_in_the_mean_error():
     assert rms(np.zeros((2, 4)), np.zeros((2, 4))) == 0.0
     assert rms(np.array([[0.3, 0.4], [0.0, np.nan]]), np.array([[0.5, 0.5], [0.0, np.nan]])) == pytest.approx(np.sqrt(0.125))
     assert no_net(table_of(16), range(16)) == ""
+
+
+def ratio_of_scenarios(flows, shares, members):
+    """Predicted over true root mean square error of scenarios with a net each, with and without the evenness of the nets."""
+    truth = sum(share * probability(flow) for share, flow in zip(shares, flows, strict=True)).reshape(1, -1)
+    places = tuple(np.arange(members) + k * members for k in range(len(flows)))
+    weights = np.repeat(np.array(shares) / members, members)
+    strata, squares = Strata(tuple(map(str, range(len(flows)))), places, weights, (BLOCKS,) * len(flows)), []
+    for seed in range(NETS):
+        parts = [members_of(flow, sobol_points(members, FLOWS[flow], seed + 100 * k), seed) for k, flow in enumerate(flows)]
+        cells, numbers = np.concatenate(parts).reshape(len(weights), -1).astype(np.float32), np.arange(len(weights))
+        p, spread = (weights @ cells)[None], strata.spread(cells.T, numbers, len(weights), np.array([0.5], np.float32))
+        whole = spread * evenness(strata.deviations(cells.T, numbers, len(weights)))
+        squares.append([np.mean((p - truth)[p > 0] ** 2), rms(whole, p) ** 2, rms(spread, p) ** 2])
+    true, stated, alone = np.mean(squares, axis=0)
+    return np.sqrt(stated / true), np.sqrt(alone / true)
+
+
+@pytest.mark.parametrize("members", [16, 32])
+@pytest.mark.parametrize("shares", [(0.5, 0.5), (0.9, 0.1)])
+def test_the_stated_error_of_scenarios_is_the_true_one_within_0_8_and_1_5(members, shares):
+    stated, alone = ratio_of_scenarios(list(FLOWS)[:2], shares, members)
+    assert 0.8 < stated < 1.5
+    assert alone > stated
+
+
+def test_deviations_of_scenarios_add_with_the_squares_of_their_shares_by_hand():
+    strata = Strata(("a", "b"), (np.arange(4), np.arange(4, 8)), np.repeat([0.1, 0.15], 4), (BLOCKS, BLOCKS))
+    values = np.array([[1.0, 0, 0, 0, 1.0, 1.0, 0, 0]])
+    # halves of a: 1/2 and 0 about 1/4; of b: 1 and 0 about 1/2; quarters are the members
+    by_hand = [0.16 / 16 + 0.36 / 4, 0.16 * 3 / 16 + 0.36 / 4]
+    np.testing.assert_allclose(strata.deviations(values, np.arange(8), 8), by_hand)
+    assert Strata(("a", "b"), strata.places, strata.weights, (BLOCKS, 0)).deviations(values, np.arange(8), 8).tolist() == [0, 0]

@@ -10,6 +10,7 @@ import xarray as xr
 from runout import cli, read_site
 from runout.errors import ConfigError, ExitCode
 from runout.io.places import RESULT_RECORD
+from runout.workflow import regional
 from runout.workflow.regional import moved, sources_of, write_sources
 
 WEST, NORTH = ramp_site.WEST, ramp_site.NORTH
@@ -37,8 +38,8 @@ def changed(site, old, new):
     return read_site(site)
 
 
-def test_each_polygon_runs_as_a_site_of_its_own_and_the_maps_are_merged(site, capsys):
-    command = ["regional", str(site), "--annual-rate", "rate", "--workers", "1", "--threads", "1", "--device", "cpu"]
+def test_each_polygon_runs_as_a_site_of_its_own_and_the_maps_are_merged(site):
+    command = ["regional", str(site), "--annual-rate", "rate", "--workers", "2", "--threads", "1", "--device", "cpu"]
     command += ["--set", "ensemble.seed=2"]
     assert cli.main(command) == ExitCode.OK
     folder = site / "regional"
@@ -48,7 +49,9 @@ def test_each_polygon_runs_as_a_site_of_its_own_and_the_maps_are_merged(site, ca
         volumes[name] = sum(release.volume for release in own.releases())
         assert own.settings.ensemble.scenarios[0].annual_rate == rate
         assert own.settings.ensemble.seed == 2
-        assert (folder / "sources" / name / "results" / "hazard.nc").is_file()
+        results = folder / "sources" / name / "results"
+        assert {path.name for path in results.glob("*.nc")} == {"hazard.nc", "members.nc", "terrain.nc", "release.nc"}
+        assert not [*results.glob("maps/**/*.tif"), *results.glob("*.gpkg"), *results.glob("*.qgz"), *results.glob("*.kmz")]
     assert volumes["north"] == pytest.approx(40 * 40 * 4.0)
     assert volumes["south"] == pytest.approx(40 * 40 * 2.0)
     with xr.open_dataset(folder / "merged.nc") as merged:
@@ -57,9 +60,9 @@ def test_each_polygon_runs_as_a_site_of_its_own_and_the_maps_are_merged(site, ca
         assert float(merged["thickness_annual_exceedance"].max()) == pytest.approx(0.1)
         in_south = merged["thickness_annual_exceedance"].sel(x=WEST + 70, y=NORTH - 190, method="nearest")
         assert float(in_south[0]) == pytest.approx(0.01)
-    capsys.readouterr()
+    made = {path: path.stat().st_mtime_ns for path in folder.glob("sources/*/results/**/*.nc")}
     assert cli.main(command) == ExitCode.OK
-    assert capsys.readouterr().err.count("nothing to do") == 2
+    assert {path: path.stat().st_mtime_ns for path in made} == made
 
 
 def test_a_second_call_writes_no_file_of_a_site_again(site):
@@ -69,6 +72,32 @@ def test_a_second_call_writes_no_file_of_a_site_again(site):
     write_sources(read_site(site), site / "regional")
     assert [path.stat().st_mtime_ns for path in files] == times
     assert len(files) == 4
+
+
+def test_extents_are_derived_again_only_where_an_input_changed(site, monkeypatch):
+    derived, own = [], regional._derived
+    monkeypatch.setattr(regional, "_derived", lambda content, place: derived.append(place.name) or own(content, place))
+    for _ in range(2):
+        write_sources(read_site(site), site / "regional")
+    assert derived == ["north", "south"]
+    ramp_site.write_raster(site / "inputs" / "dem.tif", ramp_site.ramp() + 1.0)
+    write_sources(read_site(site), site / "regional")
+    assert derived == ["north", "south"] * 2
+
+
+def test_a_source_with_all_formats_is_asked_for_by_the_site(site):
+    own = changed(site, "hazard: {", "hazard: {formats: all, ")
+    place = write_sources(own, site / "regional")[0]
+    assert read_site(place).settings.hazard.formats == "all"
+
+
+def test_a_site_of_netcdf_alone_runs_without_a_report_which_is_refused(site, capsys):
+    changed(site, "hazard: {", "hazard: {formats: netcdf, ")
+    assert cli.main(["run", str(site), "--workers", "1"]) == ExitCode.OK
+    assert (site / "results" / "hazard.nc").is_file()
+    assert not (site / "results" / "report.html").exists()
+    assert cli.main(["report", str(site)]) == ExitCode.CONFIGURATION
+    assert "netcdf leaves out the outlines and rasters that the report shows; write `formats: all`" in capsys.readouterr().err
 
 
 def test_sites_only_runs_nothing(site):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.config.hazard import written_alone
 from runout.hazard.members import Ensemble
 from runout.hazard.structure_products import StructureProducts
 from runout.model.registry import parts_of
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from runout.config.site import Site
+
+NETCDF = "hazard_netcdf"  # the format that every site has
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,10 @@ class Products:
 
 
 def write_all(products: Products) -> dict[str, list[Path]]:
-    """Paths of the files of all formats, after writing them, by the docstring of the format."""
-    return {str(part.__doc__): list(part.write(products)) for part in parts_of(__name__)}
+    """Paths of the files of the formats that the site asks for, after writing them, by the docstring of the format."""
+    alone = written_alone(products.site)
+    parts = [part for part in parts_of(__name__) if not alone or part.__name__.rpartition(".")[2] == NETCDF]
+    return {str(part.__doc__): list(part.write(products)) for part in parts}
 
 
 def earlier(results: Path) -> set[Path]:

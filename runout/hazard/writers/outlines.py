@@ -29,6 +29,11 @@ RELEASED_AT = "2000-01-01T00:00:00"  # date that stands for the start of the rel
 MOMENTS = 24  # of the arrival, about
 
 
+def earlier(results: Path) -> set[Path]:
+    """The outlines of an earlier run."""
+    return {path for path in [results / "outlines.gpkg"] if path.is_file()}
+
+
 def write(products: Products) -> list[Path]:
     """Path of the file."""
     site, terrain, hazard, observed = products.site, products.terrain, products.hazard, products.observed

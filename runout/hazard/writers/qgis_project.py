@@ -15,7 +15,7 @@ import numpy as np
 
 from runout import __version__
 from runout.config.parameter_variables import parameter_variable
-from runout.hazard.archives import filled, write_archive
+from runout.hazard.archives import earlier_archives, filled, write_archive
 from runout.hazard.maps import GROUPS, headline, map_layers
 from runout.hazard.round_numbers import round_length
 from runout.hazard.style import legend_unit
@@ -102,6 +102,11 @@ def write(products: Products) -> list[Path]:
     name = products.site.name
     text = filled("project.qgs", project_content(products))
     return [write_archive(products.results / f"{name}.qgz", {f"{name}.qgs": text.encode()}, READ_ONLY)]
+
+
+def earlier(results: Path) -> set[Path]:
+    """The project of the run before."""
+    return earlier_archives(results, ".qgz")
 
 
 def project_content(products: Products) -> dict[str, Any]:
