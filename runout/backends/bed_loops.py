@@ -5,7 +5,9 @@ One pass: the bed that is left at a node, the speed of its column, the slope of 
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from runout.physics.bed import driving_stress, friction_stress, normal_stress
 from runout.physics.contact import covered_share
@@ -14,6 +16,85 @@ from runout.physics.tensors import tens, vec
 
 prange = range  # that of the compiler takes its place
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
+
+
+class Flow(NamedTuple):
+    """Columns of the flow around n x m nodes of the bed.
+
+    Attributes
+    ----------
+    sums : (5, nx, ny)
+        Volume [m3], momentum (3) [kg m/s] and mass [kg] around nodes.
+    pore_ratio : (n, m) or empty
+        Pore pressure ratio [1] of the mass; empty: 0.
+    begin : (7,) int
+        Where the n x m nodes begin in ``sums`` and among the nodes of the bed, and node 0 of the bed in ``Ground.change``; m.
+    """
+
+    sums: np.ndarray
+    pore_ratio: np.ndarray
+    begin: np.ndarray
+
+
+class Ground(NamedTuple):
+    """The ground under the bed.
+
+    Attributes
+    ----------
+    coefficients, change : arrays
+        Coefficients [m] at the nodes of the bed and one around, and what those of some nodes have more.
+    spacing, gravity : (2 or 3,), (3,)
+        [m], [m/s2].
+    """
+
+    coefficients: np.ndarray
+    change: np.ndarray
+    spacing: np.ndarray
+    gravity: np.ndarray
+
+
+class Laws(NamedTuple):
+    """Laws of friction and erosion.
+
+    Attributes
+    ----------
+    basal : records
+        Of the law of friction.
+    rows : (n, m) int or empty
+        Record of friction of the mass at nodes of the bed; empty: the first.
+    bed : (1,) record
+        Of the law of erosion.
+    of_friction : int
+        1: tau is the friction of the flow, 0: the driving stress.
+    """
+
+    basal: np.ndarray
+    rows: np.ndarray
+    bed: np.ndarray
+    of_friction: int
+
+
+class Depths(NamedTuple):
+    """Depths of the bed at its nodes (NX, NY) [m]: there at the start, eroded since, and owed of that."""
+
+    there: np.ndarray
+    eroded: np.ndarray
+    owed: np.ndarray
+
+
+class Reached(NamedTuple):
+    """What each row of nodes gets.
+
+    Attributes
+    ----------
+    fastest : (n,)
+        The largest rate [m/s].
+    nodes : (n, 2) int
+        First node that was eroded, and the one after the last.
+    """
+
+    fastest: np.ndarray
+    nodes: np.ndarray
 
 
 def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed: Any):
@@ -43,79 +124,66 @@ def _covered_at(mass: Any, i: int, j: int):
     return covered_share(mass[i, j], around, squares)
 
 
-def _coefficient(c: Any, change: Any, i: int, j: int, begin: Any):
+def _coefficient(ground: Any, i: int, j: int, begin: Any):
     """Coefficient [m] of the ground at a node; nothing has changed beyond the table of changes."""
+    c, change = ground.coefficients, ground.change
     m, n = i + begin[4], j + begin[5]
     if m < 0 or n < 0 or m >= change.shape[0] or n >= change.shape[1]:
         return c[i + 1, j + 1]
     return c[i + 1, j + 1] + change[m, n]
 
 
-def _slopes(c: Any, change: Any, i: int, j: int, begin: Any):
+def _slopes(ground: Any, i: int, j: int, begin: Any):
     """Slopes of the ground at a node [m / cell]."""
     k, m, n = i - 1, j - 1, j + 1
     nine = tens(
-        _coefficient(c, change, k, m, begin), _coefficient(c, change, k, j, begin), _coefficient(c, change, k, n, begin),
-        _coefficient(c, change, i, m, begin), _coefficient(c, change, i, j, begin), _coefficient(c, change, i, n, begin),
-        _coefficient(c, change, i + 1, m, begin), _coefficient(c, change, i + 1, j, begin),
-        _coefficient(c, change, i + 1, n, begin),
+        _coefficient(ground, k, m, begin), _coefficient(ground, k, j, begin), _coefficient(ground, k, n, begin),
+        _coefficient(ground, i, m, begin), _coefficient(ground, i, j, begin), _coefficient(ground, i, n, begin),
+        _coefficient(ground, i + 1, m, begin), _coefficient(ground, i + 1, j, begin), _coefficient(ground, i + 1, n, begin),
     )  # fmt: skip
     found = surface_at(nine, 1.0, 1.0)
     return found[1], found[2]
 
 
-def erode_nodes(
-    sums: Any, pore_ratio: Any, begin: Any, c: Any, change: Any, spacing: Any, gravity: Any, basal: Any, rows: Any, bed: Any,
-    of_friction: int, there: Any, eroded: Any, owed: Any, lasting: float, fastest: Any, reached: Any,
-):  # fmt: skip
-    """Add what a flow erodes in a time ``lasting`` [s] to ``eroded`` and ``owed`` [m], at the nodes of the bed that it covers.
+def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, reached: Any):
+    """Add what a flow erodes in a time ``lasting`` [s] to the depths eroded and owed, at the nodes of the bed that it covers.
 
     Parameters
     ----------
-    sums : (5, nx, ny)
-        Volume [m3], momentum (3) [kg m/s] and mass [kg] of the flow around nodes.
-    pore_ratio, rows : (n, m) or empty
-        Pore pressure ratio [1] of the mass at nodes of the bed, and their row in ``basal``; empty: 0.
-    begin : (7,) int
-        Where the n x m nodes begin in ``sums`` and among the nodes of the bed, and node 0 of the bed in ``change``; m.
-    c, change : arrays
-        Coefficients of the ground [m] at the nodes of the bed and one around, and what those of some nodes have more.
-    spacing, gravity : (2,), (3,)
-        [m], [m/s2].
-    basal : records
-        Of the law of friction.
-    of_friction : int
-        1: tau is the friction of the flow, 0: the driving stress.
-    bed : (1,) record
-        Of the law of erosion.
-    there : (NX, NY)
-        Depth of the bed at the start [m].
-    fastest, reached : (n,), (n, 2)
-        Get the largest rate of each row of nodes [m/s], and the first node in it that was eroded and the one after the last.
+    flow : Flow
+    ground : Ground
+    laws : Laws
+    depths : Depths
+        ``eroded`` and ``owed`` grow.
+    reached : Reached
+        Filled.
     """
+    begin, spacing, gravity = flow.begin, ground.spacing, ground.gravity
+    eroded, owed = depths.eroded, depths.owed  # a parallel loop writes into arrays that have a name, not into those of a record
+    fastest, nodes = reached.fastest, reached.nodes
     g, area = vec(gravity[0], gravity[1], gravity[2]), spacing[0] * spacing[1]
-    mass = sums[4]
+    mass = flow.sums[4]
     for k in prange(len(fastest)):
         a, i, largest, first, last = begin[0] + k, begin[2] + k, 0.0, eroded.shape[1], 0
         for n in range(begin[6]):
             b, j = begin[1] + n, begin[3] + n
-            left, m = there[i, j] - eroded[i, j], mass[a, b]
+            left, m = depths.there[i, j] - eroded[i, j], mass[a, b]
             if not (left > 0.0 and m > 0.0):
                 continue
-            x, y, z = sums[1, a, b], sums[2, a, b], sums[3, a, b]
+            x, y, z = flow.sums[1, a, b], flow.sums[2, a, b], flow.sums[3, a, b]
             u = math.sqrt(x * x + y * y + z * z) / m
             if u < MOVING:
                 continue
-            east, north = _slopes(c, change, i, j, begin)
+            east, north = _slopes(ground, i, j, begin)
             covered = _covered_at(mass, a, b)
-            wet = pore_ratio[k, n] if len(pore_ratio) else 0.0
-            column = sums[0, a, b] / (area * covered), u, m / sums[0, a, b], wet
-            own = basal[rows[k, n] if len(rows) else 0]
-            E = _rate_at(column, (east / spacing[0], north / spacing[1]), eroded[i, j], g, own, of_friction, bed[0])
+            wet = flow.pore_ratio[k, n] if len(flow.pore_ratio) else 0.0
+            column = flow.sums[0, a, b] / (area * covered), u, m / flow.sums[0, a, b], wet
+            own = laws.basal[laws.rows[k, n] if len(laws.rows) else 0]
+            E = _rate_at(column, (east / spacing[0], north / spacing[1]), eroded[i, j], g, own, laws.of_friction, laws.bed[0])
             more = min(lasting * E * covered, left)
             largest = max(largest, E)
             if more > 0.0:
                 eroded[i, j] += more
                 owed[i, j] += more
                 first, last = min(first, j), j + 1
-        fastest[k], reached[k, 0], reached[k, 1] = largest, first, last
+        fastest[k], nodes[k, 0], nodes[k, 1] = largest, first, last

@@ -165,15 +165,15 @@ class ErodingBed:
         self.coefficients.make(columns.mass, columns.first)
         low = np.array([part_of[0].start, part_of[1].start])
         begin = np.array([*columns.begin, *low, *np.subtract(self.first, ground.first), columns.shape[1]], np.int64)
-        fastest, reached = np.zeros(columns.shape[0]), np.zeros((columns.shape[0], 2), np.int64)
+        reached = bed_loops.Reached(np.zeros(columns.shape[0]), np.zeros((columns.shape[0], 2), np.int64))
+        flow = bed_loops.Flow(columns.sums, self._pore_ratios(engine, columns), begin)
+        under = bed_loops.Ground(self.coefficients.values, ground.change, np.array(scene.spacing), np.array(scene.gravity))
+        laws = bed_loops.Laws(self.basal, rows, self.record, int(self.bed.erosion.of_friction))
+        depths = bed_loops.Depths(self.there, self.eroded, self.owed)
         with threads_at_most(columns.mass.size // CELLS_OF_A_THREAD):
-            loops(self.law, scene.basal.law).erode_nodes(
-                columns.sums, self._pore_ratios(engine, columns), begin, self.coefficients.values, ground.change,
-                np.array(scene.spacing), np.array(scene.gravity), self.basal, rows, self.record, int(self.bed.erosion.of_friction),
-                self.there, self.eroded, self.owed, lasting, fastest, reached,
-            )  # fmt: skip
-        self._note_changed(low[0] + np.flatnonzero(reached[:, 1]), reached)
-        return float(fastest.max())
+            loops(self.law, scene.basal.law).erode_nodes(flow, under, laws, depths, lasting, reached)
+        self._note_changed(low[0] + np.flatnonzero(reached.nodes[:, 1]), reached.nodes)
+        return float(reached.fastest.max())
 
     def _note_changed(self, rows: np.ndarray, reached: np.ndarray) -> None:
         """Widen the part that was eroded by some ``rows`` (k,) and the first and last nodes (n, 2) in each of all rows."""

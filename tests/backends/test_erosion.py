@@ -167,6 +167,7 @@ def test_compiled_rate_is_that_of_plain_python(law):
     """The kernel passes thickness, stresses and depth normal to the ground, and the parameters in SI units."""
     from types import SimpleNamespace
 
+    from runout.backends import bed_loops
     from runout.model.friction_laws import FRICTIONS, numbers_of
     from runout.physics import bed
     from runout.physics.heightfield import upward_normal
@@ -186,8 +187,10 @@ def test_compiled_rate_is_that_of_plain_python(law):
     there, eroded, owed = np.full((1, 1), 9.0), np.full((1, 1), 0.1), np.zeros((1, 1))
     fastest, reached, nothing = np.zeros(1), np.zeros((1, 2), np.int64), np.zeros((0, 0))
     loops(erosion, friction).erode_nodes(
-        sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1]), 0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity, basal,
-        np.zeros((0, 0), np.int64), bed_record, of_friction, there, eroded, owed, 0.25, fastest, reached,
+        bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])),
+        bed_loops.Ground(0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity),
+        bed_loops.Laws(basal, np.zeros((0, 0), np.int64), bed_record, of_friction),
+        bed_loops.Depths(there, eroded, owed), 0.25, bed_loops.Reached(fastest, reached),
     )  # fmt: skip
     n = 1.0 / math.sqrt(1.29)
     sigma, sine = 2000.0 * 2.0 * n * 9.81 * n, math.sqrt(1.0 - n * n)
