@@ -12,6 +12,7 @@ from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
 from runout.errors import CapacityError
 from runout.model.basal_friction import BasalFriction
 from runout.model.bed import Bed
+from runout.model.facts import short
 from runout.model.friction_laws import FrictionLaw
 from runout.model.inflow import Inflow
 from runout.model.limits import PARTICLES_PER_CELL
@@ -35,11 +36,23 @@ PROGRAM = 0.22e9  # libraries and compiled code
 
 
 @dataclass(frozen=True)
+class Share:
+    """Particles of one source of mass: a release, the bed, an inflow."""
+
+    what: str  # names the source, its size and what states that
+    particles: int
+    key: str  # names the value to lower
+    value: float  # that gives so many particles; their number is in proportion to it
+    unit: str
+
+
+@dataclass(frozen=True)
 class Extent:
     """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU).
 
     ``mixed``: releases whose frictions differ, 1 if all are alike. ``wet``: releases, if any has pore pressure, else 0.
     ``friction``: the law on the ground, or the mixture of those that releases follow; None if it is not known.
+    ``shares``: the particles by source.
     """
 
     particles: int
@@ -50,6 +63,13 @@ class Extent:
     mixed: int = 1
     wet: int = 0
     friction: FrictionLaw | None = field(default=None, kw_only=True)
+    shares: tuple[Share, ...] = field(default=(), kw_only=True)
+
+    @property
+    def largest_share(self) -> Share | None:
+        """The source of half of the particles or more; None where it is the only one, or none has half of them."""
+        largest = max(self.shares, key=lambda one: one.particles, default=None)
+        return largest if len(self.shares) > 1 and largest and 2 * largest.particles >= self.particles else None
 
 
 @dataclass(frozen=True)
@@ -59,6 +79,9 @@ class MemoryForecast:
     backend: float  # particles, index and blocks; on the device if that is a GPU
     host: float  # further memory of the host: what loading takes, maps, the program. `Result.state` takes 250 bytes a particle more
     on_device: bool = False
+    extent: Extent | None = field(default=None, repr=False)  # what it is of
+    # memory of an extent, of the part that grows with it: on the device if the backend runs there
+    bytes_of: Callable[[Extent], float] | None = field(default=None, repr=False)
 
     @property
     def total(self) -> float:
@@ -68,14 +91,31 @@ class MemoryForecast:
     def require(self, limit: float, what: str) -> None:
         """Raise CapacityError if the host needs more than ``limit`` [byte]; ``what`` names the limit."""
         if self.total > limit:
-            raise _too_much(self.total, limit, what)
+            raise _too_much(self.total, limit, what, self.because(limit))
+
+    def because(self, limit: float) -> str:
+        """Part of a message: whose particles most are, and the value that fits into ``limit`` [byte]; empty for a single source."""
+        share = self.extent.largest_share if self.extent else None
+        if share is None or self.extent is None or self.bytes_of is None:
+            return ""
+        particles = self.extent.particles
+        without = self.bytes_of(replace(self.extent, particles=particles - share.particles, shares=()))
+        fitting = share.value * (limit - without) / max(self.bytes_of(self.extent) - without, 1.0)
+        if fitting <= 0.0:
+            return f"{_part_of(share, particles)}; the rest alone does not fit either"
+        digit = 10.0 ** (math.floor(math.log10(fitting)) - 1)
+        return f"{_part_of(share, particles)}; {share.key} of at most {math.floor(fitting / digit) * digit:.3g} {share.unit} fits"
 
 
-def _too_much(needed: float, limit: float, what: str) -> CapacityError:
+def _part_of(share: Share, particles: int) -> str:
+    return f"; {share.particles:.3g} of its {particles:.3g} particles are {share.what}"
+
+
+def _too_much(needed: float, limit: float, what: str, because: str) -> CapacityError:
     coarser = math.ceil(100 * (needed / limit) ** (1 / 3)) / 100 if limit > 0 else math.inf
     return CapacityError(
         f"the run needs about {needed / GIGABYTE:.3g} GB of memory, {what} is {limit / GIGABYTE:.3g} GB; "
-        f"use a cell_size {coarser:g} times as large, fewer particles_per_cell, or raise the limit"
+        f"use a cell_size {coarser:g} times as large, fewer particles_per_cell, or raise the limit{because}"
     )
 
 
@@ -88,7 +128,8 @@ def require_memory(forecast: MemoryForecast, engine: Backend, memory_gb: float |
         forecast.require(free, "the memory that is available")
     device: Any = getattr(engine, "device", None)
     if forecast.on_device and forecast.backend > device.free_memory:
-        raise _too_much(forecast.backend, device.free_memory, f"the free memory of {device.alias}")
+        because = forecast.because(device.free_memory)
+        raise _too_much(forecast.backend, device.free_memory, f"the free memory of {device.alias}", because)
 
 
 def available_bytes() -> float | None:
@@ -127,17 +168,27 @@ def expected_memory(
     """
     device: Any = getattr(engine, "device", None)
     on_device = device is not None and bool(device.is_cuda)
-    host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
     field = structures.field if structures else None
     precision, friction = scheme.precision, extent.friction or friction
-    if on_device:
-        sizes = extent.particles, extent.nodes_on_device
-        backend = bytes_on_device(*sizes, precision, field, friction, extent.mixed, scheme.substeps)
-        return MemoryForecast(backend + pore_bytes(extent, precision), host, True)
-    counts = extent.particles, extent.occupied, extent.owners, extent.nodes
-    backend = host_bytes(*counts, precision, friction)
-    more = (structure_bytes(field, extent, precision) if field else 0) + pore_bytes(extent, precision)
-    return MemoryForecast(backend + more, host)
+
+    def of_host(one: Extent) -> float:
+        return PROGRAM + CHUNKS + WHILE_LOADED[on_device] * one.particles + PER_MAP_CELL * map_cells
+
+    def of_backend(one: Extent) -> float:
+        if on_device:
+            sizes = one.particles, one.nodes_on_device
+            backend = bytes_on_device(*sizes, precision, field, friction, one.mixed, scheme.substeps)
+            return backend + pore_bytes(one, precision)
+        backend = host_bytes(one.particles, one.occupied, one.owners, one.nodes, precision, friction)
+        return backend + (structure_bytes(field, one, precision) if field else 0) + pore_bytes(one, precision)
+
+    try:
+        backend = of_backend(extent)
+    except CapacityError as error:  # more than a GPU can address
+        share = extent.largest_share
+        raise CapacityError(f"{error}{_part_of(share, extent.particles) if share else ''}") from None
+    growing = of_backend if on_device else lambda one: of_backend(one) + of_host(one)
+    return MemoryForecast(backend, of_host(extent), on_device, extent, growing)
 
 
 def pore_bytes(extent: Extent, precision: str) -> int:
@@ -157,13 +208,14 @@ def expected_extent(
     releases: Sequence[Release], surface: Surface, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]
 ) -> Extent:
     """Particles and blocks of releases, estimated from their thickness without making particles."""
-    number = sum(_particles(release, spacing, per_axis) for release in releases)
+    shares = tuple(_share(release, spacing, per_axis) for release in releases)
     columns = [_columns(release, surface, spacing) for release in releases]
     low, high = (np.concatenate([c[k] for c in columns]) for k in (0, 1))
     occupied = _blocks(low, high, (0,), 0)
     owners = _blocks(low, high, *REACH)
     kinds = occupied, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
-    extent = Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
+    number = sum(share.particles for share in shares)
+    extent = Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds), shares=shares)
     return replace(extent, wet=len(releases)) if any(release.pore_pressure for release in releases) else extent
 
 
@@ -184,9 +236,13 @@ def with_births(
     angle = min(math.atan(f.least) if isinstance(f, BasalFriction) else f for f in under)
     terrain = releases[0].terrain
     reached = reachable(terrain, np.sum([r.thickness for r in releases], axis=0), angle)
-    volume = float((bed.depth_on(terrain, releases) * reached).sum() * terrain.cell_area)
+    depth = bed.depth_on(terrain, releases) * reached
+    volume, deepest = float(depth.sum() * terrain.cell_area), float(depth.max(initial=0.0))
     per_cell = math.prod(particles_per_axis(numerics.particles_per_cell or PARTICLES_PER_CELL))
-    return replace(extent, particles=extent.particles + math.ceil(volume * per_cell / math.prod(numerics.spacing)))
+    born = math.ceil(volume * per_cell / math.prod(numerics.spacing))
+    what = f"reserved for the bed ({bed.source}), {deepest:g} m deep and {short(volume, 'm3')} within reach of the mass"
+    share = Share(what, born, "a depth", deepest, "m")
+    return replace(extent, particles=extent.particles + born, shares=(*extent.shares, share))
 
 
 def with_inflow(extent: Extent, inflows: Sequence[Inflow], numerics: Numerics, end_time: float) -> Extent:
@@ -197,10 +253,22 @@ def with_inflow(extent: Extent, inflows: Sequence[Inflow], numerics: Numerics, e
     from runout.release.sample import particles_per_axis
 
     per_axis = particles_per_axis(numerics.particles_per_cell or PARTICLES_PER_CELL)
-    volume = sum(float(one.hydrograph.entered.at(end_time)) for one in inflows)
-    stand_ins = sum(_particles(mass_at(one), numerics.spacing, per_axis) for one in inflows)
-    born = math.ceil(volume * math.prod(per_axis) / math.prod(numerics.spacing))
-    return replace(extent, particles=max(0, extent.particles - stand_ins) + born)
+    stand_ins = [_share(mass_at(one), numerics.spacing, per_axis) for one in inflows]
+    shares = [share for share in extent.shares if share not in stand_ins]
+    for one in inflows:
+        volume = float(one.hydrograph.entered.at(end_time))
+        born = math.ceil(volume * math.prod(per_axis) / math.prod(numerics.spacing))
+        what = f"what inflow {one.name} brings until end_time, {short(volume, 'm3')}"
+        shares.append(Share(what, born, "an inflow", volume, "m3"))
+    known = max(0, extent.particles - sum(share.particles for share in stand_ins))
+    born = sum(share.particles for share in shares[len(shares) - len(inflows) :])
+    return replace(extent, particles=known + born, shares=tuple(shares))
+
+
+def _share(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> Share:
+    """The particles of a release."""
+    particles, what = _particles(release, spacing, per_axis), f"of release {release.name}, {short(release.volume, 'm3')}"
+    return Share(what, particles, "a volume", release.volume, "m3")
 
 
 def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:

@@ -1,7 +1,7 @@
 """Erodible bed: the material on the ground that a flow may take up."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -17,6 +17,7 @@ from runout.model.readers import reader
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 
+DOUBTED = 100.0  # depth [m] that is doubted: a hundred times what `runout new --process debris_flow` writes; no site is known to it
 EROSION_REMEDY = "give a law of erosion, for example runout.RammsErosion(rate=0.025)"
 
 
@@ -123,6 +124,7 @@ class Bed:
         lost = float((whole - left).sum() * terrain.cell_area)
         if lost > 0:
             sentences.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
+        sentences += self._depth_sentences(terrain, float(left.max()))
         dry = [release.name for release in releases if release.pore_pressure is None]
         if self.pore_pressure_ratio and dry:
             sentences.append(
@@ -138,3 +140,14 @@ class Bed:
                 f"use cell_size: {finer:g} or less, or more particles_per_cell, to resolve it"
             )
         return sentences
+
+    def _depth_sentences(self, terrain: Terrain, deepest: float) -> Iterator[str]:
+        """A depth [m] that no flow erodes: beyond :data:`DOUBTED`, or below the lowest place of the terrain."""
+        relief = float(np.ptp(terrain.elevation[np.isfinite(terrain.elevation)]))
+        bounds = [f"{DOUBTED:g} m, a hundred times the depth of a debris flow's bed in guide/processes"] * (deepest > DOUBTED)
+        bounds += [f"the relief of {terrain.source}, {short(relief, 'm')}"] * (0.0 < relief < deepest)
+        if bounds:
+            yield (
+                f"{self.source}: depth is {short(deepest, 'm')} at most, more than {' and than '.join(bounds)}; memory is reserved "
+                "for all of it within reach of the mass; state the depth that can be eroded, in metres"
+            )

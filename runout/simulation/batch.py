@@ -103,7 +103,7 @@ def _in_launches(jobs: "_PreparedJobs", place: str, brought: bool) -> Iterator[t
             launch = _Launch(place)
         try:
             job = future.result()
-            MemoryForecast(0.0, job.bytes).require(launch.free, f"the free memory of {place}")
+            job.memory.require(launch.free, f"the free memory of {place}")
         except RunoutError as error:
             yield number, error
             continue
@@ -125,7 +125,7 @@ class _Job:
     control: RunControl
     progress: Callable[[float], None] | None
     seconds: float  # to prepare it
-    bytes: float  # on the device
+    memory: MemoryForecast  # of the device
     structures: Structures | None
     bed: ErodingBed | None
     entering: Entering | None
@@ -157,14 +157,12 @@ class _Job:
         eroding = eroding_bed(bed, scene, options["terrain"], releases, releases_in_chunks.how.per_axis)
         friction = chosen.get("basal_friction") or chosen["basal_friction_angle"]
         extent = with_births(extents[0], bed, releases, chosen["numerics"], friction)
-        sizes = extent.particles, extent.nodes_on_device
-        needed = bytes_on_device(*sizes, scene.precision, scene.structures, scene.basal.law, scene.basal.mixed, scene.substeps)
-        needed += pore_bytes(extent, scene.precision)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         structures = named_structures(options.get("structures"))
         scene, seconds = eroding.scene if eroding else scene, clock.perf_counter() - started
         sources = Entering(waiting) if waiting else None
-        return cls(number, options["terrain"], scene, particles, control, tell, seconds, needed, structures, eroding, sources)
+        memory = _memory(scene, extent)
+        return cls(number, options["terrain"], scene, particles, control, tell, seconds, memory, structures, eroding, sources)
 
     def prepare(self, run: Run) -> None:
         """Prepare a run of this scenario; what waits begins anew where an earlier launch has changed it."""
@@ -172,6 +170,17 @@ class _Job:
         if self.entering:
             self.at_start = self.at_start or _copied(self.entering.state())
             self.entering.restore(_copied(self.at_start))
+
+
+def _memory(scene: Scene, extent: Extent) -> MemoryForecast:
+    """Memory of a scene on the device."""
+
+    def needed(one: Extent) -> float:
+        sizes, law = (one.particles, one.nodes_on_device), scene.basal.law
+        whole = bytes_on_device(*sizes, scene.precision, scene.structures, law, scene.basal.mixed, scene.substeps)
+        return whole + pore_bytes(one, scene.precision)
+
+    return MemoryForecast(0.0, needed(extent), extent=extent, bytes_of=needed)
 
 
 def _copied(state: State) -> State:
@@ -198,7 +207,7 @@ class _Launch:
 
     def takes(self, job: _Job) -> bool:
         """Whether one more job finds memory, and the device is not busy enough without it."""
-        needed = sum(j.bytes for j in self.jobs) + job.bytes
+        needed = sum(j.memory.total for j in [*self.jobs, job])
         return len(self.jobs) < MOST and self.particles < ENOUGH and needed <= MEMORY_SHARE * self.free
 
     def outcomes(self, jobs: "_PreparedJobs", brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:

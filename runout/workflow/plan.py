@@ -302,12 +302,12 @@ def _packed(site: "Site", needed: MemoryForecast, together: int, workers: int | 
     held = together if workers else max(1, min([together, *(int(bound // needed.total) for bound in limits)]))
     total = held * needed.total
     if limit is not None and total > limit * GIGABYTE:
-        raise BudgetError(_over("memory_gb", limit, total / GIGABYTE))
+        raise BudgetError(_over("memory_gb", limit, total / GIGABYTE) + needed.because(limit * GIGABYTE / held))
     if free is not None and total > free:
         who, fewer = ("a member needs", "") if held == 1 else (f"{held} members at a time need", "fewer workers, ")
         raise CapacityError(
             f"{who} about {total / GIGABYTE:.2g} GB of memory, {free / GIGABYTE:.2g} GB are available; "
-            f"use {fewer}larger cells or fewer particles per cell"
+            f"use {fewer}larger cells or fewer particles per cell{needed.because(free / held)}"
         )
     return held, total
 

@@ -124,6 +124,20 @@ def test_check_names_what_a_bed_loses_and_does_not_resolve(tmp_path):
     assert "thinner than one particle (1.25 m)" in said[1]
 
 
+def test_check_doubts_a_bed_deeper_than_any_and_than_the_relief(tmp_path):
+    def said(depth):
+        findings = inspect(write_site(tmp_path / f"{depth:g}", WITH_BED.replace("depth: 1.2", f"depth: {depth:g}")))
+        return [w for w in findings.warnings if "that can be eroded, in metres" in w]
+
+    (both,) = said(900.0)
+    assert re.match(
+        r"site.yaml:\d+: bed.depth: depth is 900 m at most, more than 100 m, .* and than the relief of .*dem.tif, 141", both
+    )
+    (one,) = said(120.0)
+    assert "relief" not in one
+    assert not said(80.0)
+
+
 def test_check_counts_cells_without_a_depth_and_names_a_wide_range_of_the_ratio(tmp_path):
     sampled = "    bed_pore_pressure_ratio: {distribution: uniform, low: 0.3, high: HIGH}\nhazard:"
     text = WITH_BED.replace("depth: 1.2", "depth: inputs/bed.tif").replace("hazard:", sampled)

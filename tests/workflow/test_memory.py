@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runout import DruckerPrager, Release, Terrain, Voellmy, VoellmyBase
+from runout import Bed, DruckerPrager, Hydrograph, Inflow, Release, Terrain, Voellmy, VoellmyBase
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError
-from runout.forecast.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
+from runout.forecast.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory, with_births, with_inflow
 from runout.model.numerics import Numerics, Scheme
+from runout.release.inlet import mass_at
 from runout.release.sample import particles_per_axis
 from runout.simulation.scenario import build_scene
 from runout.simulation.single import simulate
@@ -175,3 +176,53 @@ def test_forecast_for_a_gpu_is_that_of_its_own_figures():
         forecast = expected_memory(extent, terrain.elevation.size, scheme, OnCard())
         assert forecast.on_device
         assert forecast.backend / extent.particles == pytest.approx(published, rel=0.25)
+
+
+def forecast_of(releases, bed=None, inflows=()):
+    """Memory of a run in cells of 3 m, with what its bed and inflows bring."""
+    terrain, numerics, seen = releases[0].terrain, Numerics(cell_size=3.0, particles_per_cell=8), []
+    stiff = replace(SAND, youngs_modulus=1e9)  # carries hundreds of metres
+    build_scene(terrain, releases, stiff, 20.0, numerics, bed=bed, inflow=inflows, accept=seen.append, in_chunks=True)
+    masses = [*releases, *map(mass_at, inflows)]
+    whole = with_inflow(with_births(seen[0], bed, masses, numerics, 20.0), inflows, numerics, 60.0)
+    return expected_memory(whole, terrain.elevation.size, numerics)
+
+
+def inflow_of(release, volume):
+    """An inflow of a volume [m3] within 60 s, on the terrain of a release."""
+    flow = Hydrograph([0.0, 60.0], [volume / 60.0] * 2, [50.0] * 2)
+    return Inflow(release.terrain, flow, line=((400.0, 250.0), (400.0, 350.0)), name="creek")
+
+
+def beside(release, volume):
+    """The same outline 600 m farther east, with another volume [m3]."""
+    thickness = np.roll(release.thickness, 60, axis=1) * volume / release.volume
+    return Release(thickness, release.terrain, placement="on_surface", name="huge")
+
+
+SOURCES = {  # by what is said of it: the forecast for a value of its key, and the value that is too much
+    "reserved for the bed (bed), 900 m deep": (lambda release, depth: forecast_of([release], Bed(depth)), 900.0),
+    "what inflow creek brings until end_time": (lambda release, m3: forecast_of([release], None, [inflow_of(release, m3)]), 1.5e7),
+    "of release huge": (lambda release, m3: forecast_of([release, beside(release, m3)]), 1.5e7),
+}
+LIMIT = 0.6e9
+
+
+@pytest.mark.parametrize("said", SOURCES)
+def test_a_refusal_names_the_source_of_most_particles_and_a_value_that_fits(said):
+    """The value in the message is accepted, half as much again is not; of a release blocks too go with the volume, so it is low."""
+    _, release = valley(10.0, 4.0)
+    of, excess = SOURCES[said]
+    with pytest.raises(CapacityError) as refused:
+        of(release, excess).require(LIMIT, "memory_gb")
+    assert f"particles are {said}" in str(refused.value)
+    fitting = float(str(refused.value).split("of at most ")[1].split()[0])
+    of(release, fitting).require(LIMIT, "memory_gb")
+    with pytest.raises(CapacityError):
+        of(release, 1.5 * fitting).require(LIMIT, "memory_gb")
+
+
+def test_a_refusal_of_one_release_names_no_source():
+    _, release = valley(10.0, 4.0)
+    assert forecast_of([release]).because(1.0) == ""
+    assert forecast_of([release], Bed(900.0)).because(1e6).endswith("the rest alone does not fit either")
