@@ -14,7 +14,7 @@ import numpy as np
 
 from runout.backends.column_peaks import raise_peaks
 from runout.physics.flow_columns import column_speed, time_of_passing
-from runout.physics.numerical_scales import covered_part, flowing_part, footprint_area, part_beyond
+from runout.physics.numerical_scales import covered_part, depth_count, depth_scales, extent_count, extent_parts, flowing_part
 
 prange = range  # that of the compiler takes its place
 BAND = 64  # rows of the lattice that a thread spreads at once
@@ -84,19 +84,15 @@ def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, wo
     ``work`` holds five bands.
     """
     m, n = np.uint64(columns), np.uint64(len(v))
-    row, around, narrow, wide, share = work[0], work[1], work[2], work[3], 1.0 / 25.0
+    row, around, narrow, wide = work[0], work[1], work[2], work[3]
     a = np.uint64(2)
     _five(v, np.uint64(1), a, n - a, row)
     a += np.uint64(2) * m
     _five(row, m, a, n - a, around)
     for j in range(a, n - a):
-        area = footprint_area(share * around[j] / one, sharing, areas[2])
-        flowing[j] = flowing_part(share * around[j] / one, sharing)
-        beyond = part_beyond(area, areas[1], areas[2])
-        within = part_beyond(area, areas[0], areas[1])
-        around[j] = (1.0 - within) * v[j]
-        narrow[j] = (within - beyond) * v[j] / 9.0
-        wide[j] = share * beyond * v[j]
+        count = extent_count(around[j], one)
+        flowing[j] = flowing_part(count, sharing)
+        around[j], narrow[j], wide[j] = extent_parts(v[j], count, sharing, areas[0], areas[1], areas[2])
     a += np.uint64(2)
     _three(narrow, np.uint64(1), a, n - a, row)
     _five(wide, np.uint64(1), a, n - a, narrow)
@@ -125,16 +121,12 @@ def find_scales(v: Any, one: float, sharing: float, areas: Any, columns: int, co
     a += np.uint64(4) * m
     above, two = np.uint64(3) * m, m + m
     for j in range(a, n - a):
-        volume = (around[j - above] + around[j] + around[j + above]) / 81.0
-        area = footprint_area(volume / one, sharing, areas[2])
-        first = part_beyond(area, areas[0], areas[1])
-        second = part_beyond(area, areas[1], areas[2])
+        count = depth_count(around[j - above] + around[j] + around[j + above], one)
         in_three = three[j - m] + three[j] + three[j + m]
         in_five = (five[j - two] + five[j - m]) + five[j] + (five[j + m] + five[j + two])
         in_nine = nine[j - above] + nine[j] + nine[j + above]
-        scales[0, j] = (1.0 - first) / max(in_three, 1e-300)  # where no mass is, nothing may be covered
-        scales[1, j] = (first - second) / max(in_five, 1e-300)
-        scales[2, j] = second / max(in_nine, 1e-300)
+        each = depth_scales(count, sharing, areas[0], areas[1], areas[2], in_three, in_five, in_nine)
+        scales[0, j], scales[1, j], scales[2, j] = each
 
 
 def smooth_band(x: Any, scales: Any, columns: int, covered: Any, work: Any, total: Any):

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from runout.physics.tensors import real
+from runout.physics.tensors import real, vec
 
 
 def numerical_viscosity(h: Any, wave_length: Any, dt: Any):
@@ -85,6 +85,47 @@ def part_beyond(area: Any, narrow: Any, wide: Any):
     The mean area is kept.
     """
     return min(max((area - narrow) / (wide - narrow), real(0.0)), real(1.0))
+
+
+def extent_count(around: Any, one: Any):
+    """Particles over a grid cell where the 5 x 5 cells of the lattice around a place hold a volume of ``around`` [m3].
+
+    ``one`` [m3] is the volume in a cell of the lattice where one particle stands over a grid cell.
+    """
+    return real(1.0) / real(25.0) * around / one
+
+
+def extent_parts(volume: Any, count: Any, sharing: Any, narrow: Any, middle: Any, wide: Any):
+    """Volumes [m3] that a cell gives to itself, to each of 3 x 3 and to each of 5 x 5 cells, to find the extent of a flow.
+
+    ``volume`` [m3] is that of the cell, ``count`` that of :func:`extent_count`; ``narrow``, ``middle`` and ``wide`` are the areas
+    [grid cells] of the three footprints. The volume is kept.
+    """
+    area = footprint_area(count, sharing, wide)
+    beyond = part_beyond(area, middle, wide)
+    within = part_beyond(area, narrow, middle)
+    one, three = (real(1.0) - within) * volume, (within - beyond) * volume / real(9.0)
+    return vec(one, three, real(1.0) / real(25.0) * beyond * volume)
+
+
+def depth_count(around: Any, one: Any):
+    """As :func:`extent_count`, where 9 x 9 cells of the lattice hold ``around`` [m3]."""
+    return around / real(81.0) / one
+
+
+def depth_scales(
+    count: Any, sharing: Any, narrow: Any, middle: Any, wide: Any, in_three: Any, in_five: Any, in_nine: Any
+):  # fmt: skip
+    """Parts of a cell's mass for footprints of 3 x 3, 5 x 5 and 9 x 9 cells, each over the covered cells there.
+
+    ``count`` is that of :func:`depth_count`; ``in_three``, ``in_five`` and ``in_nine`` are the covered cells in the squares, and
+    ``narrow``, ``middle`` and ``wide`` the areas [grid cells] of the footprints. Where no cell is covered, the cell has no mass.
+    """
+    area = footprint_area(count, sharing, wide)
+    first = part_beyond(area, narrow, middle)
+    second = part_beyond(area, middle, wide)
+    least = real(1e-300)
+    return vec((real(1.0) - first) / max(in_three, least), (first - second) / max(in_five, least), second / max(in_nine, least))
 
 
 def smallest_feature(h: Any, raster_cell: Any):

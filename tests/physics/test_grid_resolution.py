@@ -44,6 +44,16 @@ def test_four_particles_on_six_and_a_quarter_cells_are_a_flow_and_two_are_single
     assert resolution.flowing_part(least * 100.0 / (1000.0 / 16.0), 4.0) == pytest.approx(1.0)
 
 
+def test_shares_of_the_footprints_keep_volume_and_mass():
+    assert resolution.extent_count(50.0, 1.0) == pytest.approx(2.0)
+    assert resolution.depth_count(81.0, 0.5) == pytest.approx(2.0)
+    for count in (0.5, 1.0, 2.0, 3.0, 50.0):
+        one, three, five = resolution.extent_parts(3.0, count, 4.0, 1.0, 3.25, 7.25)
+        assert one + 9 * three + 25 * five == pytest.approx(3.0)
+        scales = resolution.depth_scales(count, 16.0, 3.25, 7.25, 21.25, 9.0, 20.0, 70.0)
+        assert sum(scale * covered for scale, covered in zip(scales, (9.0, 20.0, 70.0), strict=True)) == pytest.approx(1.0)
+
+
 def test_smallest_feature_is_two_cells_of_the_coarser_of_grid_and_raster():
     assert resolution.smallest_feature(2.0, 5.0) == 10.0
     assert resolution.smallest_feature(5.0, 2.0) == 10.0

@@ -160,10 +160,10 @@ def _common_names(precision: str) -> dict[str, Any]:
         "first_node64": wide.bspline.first_node, "tens64": wide.names["tens"], "surface_at64": wide.heightfield.surface_at,
         "bend_smoothness64": wide.heightfield.bend_smoothness, "resampled_coefficient64": wide.heightfield.resampled_coefficient,
         "gradient_column64": wide.moments.gradient_column, "kinetic_energy64": wide.moments.kinetic_energy,
-        "potential_energy64": wide.moments.potential_energy, "covered_part64": wide.numerical_scales.covered_part,
-        "flowing_part64": wide.numerical_scales.flowing_part, "footprint_area64": wide.numerical_scales.footprint_area,
-        "part_beyond64": wide.numerical_scales.part_beyond,
+        "potential_energy64": wide.moments.potential_energy,
     }  # fmt: skip
+    scales = ("covered_part", "flowing_part", "extent_count", "extent_parts", "depth_count", "depth_scales")
+    names |= {f"{name}64": getattr(wide.numerical_scales, name) for name in scales}
     return argument_types(real) | _local_types(real) | natives.of(precision) | names
 
 

@@ -25,9 +25,11 @@ from runout.backends.hash.layout import Doubles, Doubles2, Longs, Table2, run
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.parts import Parts
 from runout.physics.numerical_scales import covered_part as covered_part64
+from runout.physics.numerical_scales import depth_count as depth_count64
+from runout.physics.numerical_scales import depth_scales as depth_scales64
+from runout.physics.numerical_scales import extent_count as extent_count64
+from runout.physics.numerical_scales import extent_parts as extent_parts64
 from runout.physics.numerical_scales import flowing_part as flowing_part64
-from runout.physics.numerical_scales import footprint_area as footprint_area64
-from runout.physics.numerical_scales import part_beyond as part_beyond64
 
 LANES = 5  # volume, momentum (3), mass
 EXTENT, DEPTH = 1, 5  # where the numbers of the two footprints begin: particles that share a place, and three areas
@@ -76,20 +78,12 @@ def find_flowing(windows: Table2, units: Doubles2, values: Doubles2, parts: Doub
     if c >= windows[w, 1] * windows[w, 2]:
         return
     k = windows[w, 0] + c
-    count = _square(values, 0, windows[w, 0], windows[w, 1], windows[w, 2], c, 2) / wp.float64(25.0) / units[w, 3]
-    beyond = wp.float64(0.0)
-    within = wp.float64(0.0)
-    flows = wp.float64(0.0)
-    if count > wp.float64(0.0):
-        area = footprint_area64(count, units[w, 4], units[w, 7])
-        flows = flowing_part64(count, units[w, 4])
-        beyond = part_beyond64(area, units[w, 6], units[w, 7])
-        within = part_beyond64(area, units[w, 5], units[w, 6])
-    flowing[k] = flows
-    volume = values[0, k]
-    parts[0, k] = (wp.float64(1.0) - within) * volume
-    parts[1, k] = (within - beyond) * volume / wp.float64(9.0)
-    parts[2, k] = beyond * volume / wp.float64(25.0)
+    around = _square(values, 0, windows[w, 0], windows[w, 1], windows[w, 2], c, 2)
+    count = extent_count64(around, units[w, 3])
+    flowing[k] = flowing_part64(count, units[w, 4])
+    each = extent_parts64(values[0, k], count, units[w, 4], units[w, 5], units[w, 6], units[w, 7])
+    for s in range(3):
+        parts[s, k] = each[s]
 
 
 def find_covered(windows: Table2, units: Doubles2, parts: Doubles2, covered: Doubles2):
@@ -118,14 +112,13 @@ def find_scales(windows: Table2, units: Doubles2, values: Doubles2, covered: Dou
         scales[s, k] = wp.float64(0.0)
     if values[0, k] <= wp.float64(0.0):
         return  # there is no mass to spread
-    count = _square(values, 0, begin, columns, rows, c, 4) / wp.float64(81.0) / units[w, 3]
-    area = footprint_area64(count, units[w, 8], units[w, 11])
-    first = part_beyond64(area, units[w, 9], units[w, 10])
-    second = part_beyond64(area, units[w, 10], units[w, 11])
-    least = wp.float64(1e-300)
-    scales[0, k] = (wp.float64(1.0) - first) / wp.max(_square(covered, 0, begin, columns, rows, c, 1), least)
-    scales[1, k] = (first - second) / wp.max(_square(covered, 0, begin, columns, rows, c, 2), least)
-    scales[2, k] = second / wp.max(_square(covered, 0, begin, columns, rows, c, 4), least)
+    count = depth_count64(_square(values, 0, begin, columns, rows, c, 4), units[w, 3])
+    three = _square(covered, 0, begin, columns, rows, c, 1)
+    five = _square(covered, 0, begin, columns, rows, c, 2)
+    nine = _square(covered, 0, begin, columns, rows, c, 4)
+    each = depth_scales64(count, units[w, 8], units[w, 9], units[w, 10], units[w, 11], three, five, nine)
+    for s in range(3):
+        scales[s, k] = each[s]
 
 
 def spread_columns(
