@@ -131,8 +131,8 @@ class Backend(Protocol):
 
     counters: Counters
 
-    def load(self, scene: Scene, particles: ParticleSource) -> None:
-        """Load a scene and its particles, a chunk at a time."""
+    def load(self, scene: Scene, particles: ParticleSource, more: int = 0) -> None:
+        """Load a scene and its particles, a chunk at a time; a backend may make places for ``more`` that are expected to join."""
 
     def add(self, particles: Particles) -> None:
         """Add particles to those that are there, between two steps.
@@ -298,15 +298,15 @@ class SceneBatch(Protocol):
         """Announce that the columns of these scenes will be read before the next step, so that the device is waited for once."""
 
 
-def get_batch(scenes: Sequence[tuple[Scene, ParticleSource]], device: str) -> SceneBatch:
-    """Batch of scenes on a device, with the backend hash.
+def get_batch(scenes: Sequence[tuple[Scene, ParticleSource]], device: str, more: int = 0) -> SceneBatch:
+    """Batch of scenes on a device, with the backend hash, and with places for ``more`` particles that are expected to join.
 
     Raises
     ------
     ConfigError, CapacityError
         If scenes differ in settings that they must share, or need more memory than the device has.
     """
-    return import_module("runout.backends.hash.batch").Batch(scenes, device)  # type: ignore[no-any-return]
+    return import_module("runout.backends.hash.batch").Batch(scenes, device, more=more)  # type: ignore[no-any-return]
 
 
 class Compilation(Protocol):

@@ -338,7 +338,7 @@ class _Together:
         ]
         for run, job in zip(self.runs, jobs, strict=True):
             job.prepare(run)
-        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
+        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place, sum(run.more for run in self.runs))
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()

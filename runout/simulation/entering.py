@@ -66,6 +66,10 @@ class Source(Protocol):
     def reserved(self) -> int:
         """Number of particles that it will give at once, numbered in advance; 0 for a source that gives them by and by."""
 
+    @property
+    def expected(self) -> int:
+        """Number of particles that it will give in all, as far as that is known."""
+
     def begin(self, scene: Scene) -> None:
         """Take the scene of the run, on the ground that a bed may lower."""
 
@@ -138,6 +142,11 @@ class Entering:
     def reserved(self) -> int:
         """Number of particles that are numbered in advance, behind those at the start."""
         return sum(source.reserved for source in self.sources)
+
+    @property
+    def expected(self) -> int:
+        """Number of particles that will enter, as far as that is known."""
+        return sum(source.expected for source in self.sources)
 
     @property
     def due(self) -> float:

@@ -121,6 +121,11 @@ class ErodingBed:
         """Of a node [m2]."""
         return self.scene.spacing[0] * self.scene.spacing[1]
 
+    @property
+    def expected(self) -> int:
+        """Number of particles that all of the bed makes."""
+        return math.ceil(float(self.there.sum()) * self.area / self.volume)
+
     def content(self) -> list[np.ndarray]:
         """Arrays and numbers that, with the scene, determine what is eroded."""
         bed, unknown = self.bed, -1.0

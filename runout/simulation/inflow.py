@@ -83,6 +83,7 @@ class HydrographSource:
         self.name, self.started = inflow.name, math.nan
         self.before = np.concatenate([[0], np.cumsum(births.count)])  # particles before each birth
         self.last = int(np.searchsorted(births.time, end_time, "right"))
+        self.expected = int(self.before[-1])
         self.particle_volume = births.total / float(self.before[-1])
         self.next, self.entered, self.lifted = 0, 0.0, 0.0
         self._go_on(0)

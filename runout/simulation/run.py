@@ -35,6 +35,7 @@ OBSERVATIONS = 200  # least number of observations over the whole time, and that
 CROSSING = 1.0  # largest travel between two observations, in grid cells or, if longer, raster cells
 BATCH = 32  # steps of one size before it is chosen again, at most
 STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
+FEWEST_PLACES = 2**14  # for particles that are expected, where few or none are there at the start
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,12 @@ class Run:
         """Number of particles of all releases and other sources that have entered or wait."""
         return self.particles + (self.entering.reserved + self.entering.entered.particles if self.entering else 0)
 
+    @property
+    def more(self) -> int:
+        """Particles that are expected beside those at the start, as many as these at most: places are made for them at load."""
+        expected = sum(part.expected for part in (self.bed, self.entering) if part)
+        return min(expected, max(self.particles, FEWEST_PLACES))
+
     def count(self, particles: ParticleSource) -> None:
         """Note number and mean volume of the particles."""
         self.particles = len(particles)
@@ -144,7 +151,7 @@ class Run:
         self.prepare(particles)
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
-            self.engine.load(self.scene, particles)
+            self.engine.load(self.scene, particles, self.more)
             return
         if self.bed:
             self.bed.restore(part(state, "bed."))

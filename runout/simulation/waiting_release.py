@@ -87,7 +87,8 @@ class WaitingRelease:
 
     def __init__(self, release: Release, number: int, particles: ReleaseParticles, closing: Closing | None, sums: Sums):
         self.release, self.number, self.particles, self.closing = release, number, particles, closing
-        self.name, self.thickness, self.reserved = release.name, release.thickness, len(particles)
+        self.name, self.thickness = release.name, release.thickness
+        self.reserved = self.expected = len(particles)
         self.waiting_mass, self.particle_volume = sums
         self.due = self.stop = release.start_time
         self.coming, self.started = True, math.nan

@@ -350,38 +350,81 @@ def test_columns_around_nodes_take_boxes_of_a_cell(name):
     np.testing.assert_allclose(found.sums / scale, expected / scale, rtol=0, atol=1e-12)
 
 
-def test_births_cost_hash_one_sort_and_one_wait(monkeypatch):
-    """Launches and copies of a birth do not depend on what is there; ground that falls takes one copy and no launch."""
+def counted(monkeypatch, action):
+    """What an action of the hash backend launches, copies and reads."""
     import warp as wp
 
     counts = Counter()
 
-    def counted(patch, owner, name):
-        method = getattr(owner, name)
-
+    def counting(method, name):
         def call(*arguments, **more):
             counts[name] += 1
             return method(*arguments, **more)
 
-        patch.setattr(owner, name, call)
+        return call
 
-    births, lowerings = [], []
+    with monkeypatch.context() as patch:
+        for owner, names in ((wp, ("launch", "launch_tiled", "copy")), (wp.array, ("numpy", "assign"))):
+            for name in names:
+                patch.setattr(owner, name, counting(getattr(owner, name), name))
+        action()
+    return counts
+
+
+@pytest.mark.parametrize("more", [1000, 0])
+def test_birth_costs_hash_two_launches_and_no_wait(monkeypatch, more):
+    """Beside the sort that ground which falls needs anyway, whatever is there. Two births are taken up at once."""
+    costs = []
     for size in ((5.0, 6.0, 2.0), (10.0, 12.0, 2.0)):
-        engine = running(engine_of("hash"), sloped(), mass(size=size, speed=2.0), 3)
-        engine.add(mass((24.0, 33.0, 1.5), (1.0, 1.0, 0.5), 20_000))  # makes places for more
+        engine, counts = engine_of("hash"), []
+        engine.load(sloped(), mass(size=size, speed=2.0), more)
+        engine.graphs.enabled = False  # on a GPU all launches of a sort would be one
+        go_on(engine, 3)
+        engine.add(mass((24.0, 33.0, 1.5), (1.0, 1.0, 0.5), 20_000))  # makes places for more, where there are none
         go_on(engine, 2)
-        with monkeypatch.context() as patch:
-            for owner, names in ((wp, ("launch", "launch_tiled", "copy")), (wp.array, ("numpy", "assign"))):
-                for name in names:
-                    counted(patch, owner, name)
+        for births in (0, 1, 2):
             engine.lower((25, 33), np.full((3, 3), 0.01))
-            lowerings.append(dict(counts)), counts.clear()
-            engine.add(mass((24.0, 33.0, 2.0), (1.0, 1.0, 0.5), 30_000))
-            births.append(dict(counts)), counts.clear()
+            late = [mass((24.0, 33.0, 2.0), (1.0, 1.0, 0.5), 30_000 + 100 * births + 10 * k) for k in range(births)]
+            waiting = counted(monkeypatch, lambda late=late, engine=engine: [engine.add(p) for p in late])
+            assert not waiting
+            counts.append(counted(monkeypatch, lambda engine=engine: go_on(engine, 1)))
+        without, one, two = counts
+        assert one == two
+        costs.append({name: one[name] - without[name] for name in one})
+        assert len(engine.particles()) == len(mass(size=size)) + 4 * 4
+    assert costs[0] == costs[1]
+    assert costs[0]["numpy"] == 0
+    assert costs[0]["launch"] + costs[0]["launch_tiled"] == 2  # put behind the others, and packed
+    assert costs[0]["copy"] + costs[0]["assign"] <= 4  # one of them brings the table of first nodes
+
+
+def test_places_that_are_expected_are_made_at_load():
+    """Then the arrays stay as they are when particles join; without them, they grow."""
+    for more, grows in ((500, False), (0, True)):
+        engine = engine_of("hash")
+        engine.load(sloped(), mass(), more)
+        memory = engine.parts.store.memory
+        assert memory.shape[1] == len(mass()) + more
+        engine.add(mass((24.0, 33.0, 1.5), (2.0, 2.0, 0.5), 20_000))
         go_on(engine, 2)
-    assert lowerings == [{"assign": 1, "copy": 1}] * 2
-    assert births[0] == births[1]
-    assert births[0]["numpy"] == 1  # the status behind the sort: the one wait of the host
-    assert births[0]["launch"] + births[0]["launch_tiled"] <= 40
-    assert births[0]["copy"] <= 18
-    assert births[0]["assign"] <= 3
+        assert (engine.parts.store.memory is not memory) == grows
+
+
+def test_ground_that_falls_takes_one_copy(monkeypatch):
+    engine = running(engine_of("hash"), sloped(), mass(), 3)
+    assert counted(monkeypatch, lambda: engine.lower((25, 33), np.full((3, 3), 0.01))) == {"assign": 1, "copy": 1}
+
+
+def test_sums_around_nodes_wait_once_where_the_window_of_the_mass_is_known(monkeypatch):
+    """They are the same, and have the same nodes, as those over a window that is found first."""
+    engine = running(engine_of("hash"), sloped(), mass(speed=3.0), 3)
+    engine.node_columns()
+    go_on(engine, 4)
+    engine.add(mass((24.0, 33.0, 1.5), (2.0, 2.0, 0.5), 20_000))
+    found = []
+    assert counted(monkeypatch, lambda: go_on(engine, 1))["numpy"] > 0
+    assert counted(monkeypatch, lambda: found.append(engine.node_columns()))["numpy"] == 1
+    engine.looks.travelled[:] = np.inf
+    found.append(engine.node_columns())
+    assert found[0].first == found[1].first
+    np.testing.assert_array_equal(found[0].sums, found[1].sums)

@@ -131,11 +131,11 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
     sizes = []
     build = __import__("runout.simulation.batch", fromlist=["get_batch"]).get_batch
 
-    def counted(scenes, device):
+    def counted(scenes, device, more):
         sizes.append(len(scenes))
         if len(scenes) > 2:
             raise CapacityError("cpu has no memory left")
-        return build(scenes, device)
+        return build(scenes, device, more)
 
     monkeypatch.setattr("runout.simulation.batch.get_batch", counted)
     short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
@@ -153,9 +153,9 @@ def test_scenarios_that_together_cannot_be_addressed_run_in_several_launches(mon
     sizes = []
     build = __import__("runout.simulation.batch", fromlist=["get_batch"]).get_batch
 
-    def counted(scenes, device):
+    def counted(scenes, device, more):
         sizes.append([len(particles) for _, particles in scenes])
-        return build(scenes, device)
+        return build(scenes, device, more)
 
     monkeypatch.setattr("runout.simulation.batch.get_batch", counted)
     short = [scenario(friction, 0.2) | {"substeps": 1} for friction in (5.0, 10.0, 15.0, 20.0)]
@@ -178,9 +178,9 @@ def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_
     module = __import__("runout.simulation.batch", fromlist=["get_batch"])
     build, make = module.get_batch, module._Ahead.make
 
-    def counted(scenes, device):
+    def counted(scenes, device, more):
         sizes.append(len(scenes))
-        return build(scenes, device)
+        return build(scenes, device, more)
 
     def noted(ahead, count):
         make(ahead, count)
@@ -204,10 +204,10 @@ def test_a_launch_that_keeps_the_device_busy_does_not_wait_for_a_scenario_that_i
     module = __import__("runout.simulation.batch", fromlist=["get_batch"])
     build, prepare, sizes, started = module.get_batch, module._Job.of, [], threading.Event()
 
-    def counted(scenes, device):
+    def counted(scenes, device, more):
         started.set()
         sizes.append(len(scenes))
-        return build(scenes, device)
+        return build(scenes, device, more)
 
     def late(number, arguments, progress):
         assert number < 2 or started.wait(60.0)

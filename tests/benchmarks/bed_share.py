@@ -1,13 +1,14 @@
 """Time that an erodible bed and pore pressure take of a run: a mass that slides over a bed, wet, both or neither, in turn.
 
     .venv/bin/python tests/benchmarks/bed_share.py --particles 30000 --json bed_share.json
+    .venv/bin/python tests/benchmarks/bed_share.py --cases "dry, bare" "wet, bare" --repeat 12
     .venv/bin/python tests/benchmarks/bed_share.py --backend hash --device cuda:0 --particles 1000000 --end 2 --repeat 1
 
 The share of the bed is the time of its updates (columns of the flow, rates, births, lowered ground) over that of the run, by
 processor time on a CPU and by wall time on a GPU. A run with a bed is another flow, so that runs are compared by
 their time a particle and substep: its ratio to that of the dry run without a bed counts also what lowered ground and newborn
 particles cost beside the updates. The pore pressure is so small that it changes no flow. The last columns are milliseconds a
-call of the parts of an update. Medians of the repeats follow.
+call of the parts of an update. Medians of the repeats follow, with least and largest.
 """
 
 import argparse
@@ -114,7 +115,7 @@ def measure(watch: Watch, particles: int, end: float, case: str, rate: float, ch
 
 
 def row_of(run: dict[str, Any], bare: float) -> str:
-    """A line of the table; ``bare`` is the time of a dry run without a bed by particle and substep [ns]."""
+    """A line of the table; ``bare`` is the time of a run of the first case by particle and substep [ns]."""
     return (
         f"{run['case']:>12} {run['particles']:10d} {run['born']:8d} {run['substeps']:8d} {run['updates']:8d} {run['births']:7d} "
         f"{run['time']:9.2f} {run['share']:8.2f} {run['each']:9.3f} {run['each'] / bare:7.4f} {run['mass_error']:10.1e} "
@@ -129,16 +130,17 @@ def compare(watch: Watch, particles: int, options: argparse.Namespace, choices: 
     """Runs of all cases in turn; their table is printed, with medians over the repeats."""
     runs: list[dict[str, Any]] = []
     for turn in range(options.repeat):
-        for case in list(CASES)[:: 1 - 2 * (turn % 2)]:
+        for case in options.cases[:: 1 - 2 * (turn % 2)]:
             runs.append(measure(watch, particles, options.end, case, options.rate, choices))
-    pairs = [{run["case"]: run for run in runs[first : first + len(CASES)]} for first in range(0, len(runs), len(CASES))]
-    for pair in pairs:
-        for case in CASES:
-            print(row_of(pair[case], pair[BARE]["each"]), flush=True)
-    for case in CASES:
-        ratio = np.median([pair[case]["each"] / pair[BARE]["each"] for pair in pairs])
-        share = np.median([pair[case]["share"] for pair in pairs])
-        print(f"median of {case}: ratio {ratio:.4f}, share of the bed {share:.2f} %")
+    many = len(options.cases)
+    groups = [{run["case"]: run for run in runs[first : first + many]} for first in range(0, len(runs), many)]
+    for group in groups:
+        for case in options.cases:
+            print(row_of(group[case], group[options.cases[0]]["each"]), flush=True)
+    for case in options.cases:
+        ratios = [group[case]["each"] / group[options.cases[0]]["each"] for group in groups]
+        spread = f"{np.median(ratios):.4f} ({min(ratios):.4f} to {max(ratios):.4f})"
+        print(f"median of {case}: ratio {spread}, share of the bed {np.median([group[case]['share'] for group in groups]):.2f} %")
     return runs
 
 
@@ -152,6 +154,7 @@ def main() -> None:
     parser.add_argument("--end", type=float, default=6.0, help="simulated time [s]")
     parser.add_argument("--rate", type=float, default=0.025, help="erosion rate [m/s]")
     parser.add_argument("--repeat", type=int, default=2, help="runs of each case")
+    parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES), help="ratios are to the first")
     parser.add_argument("--json", help="file for the numbers")
     options = parser.parse_args()
     choices = {"backend": options.backend, "device": options.device, "threads": options.threads}
@@ -159,7 +162,7 @@ def main() -> None:
     own = {"scan": ScanBackend, "hash": HashBackend}[options.backend]
     for owner, name in ((ErodingBed, "update"), (Run, "go"), *((own, part) for part in PARTS)):
         watch.wrap(owner, name)
-    for case in CASES:
+    for case in options.cases:
         measure(watch, 2000, 1.0, case, options.rate, choices)  # compiles
     print("wall times" if options.device.startswith("cuda") else "processor times", "without setup; ns/ps: by particle and substep")
     print(HEAD, " ".join(f"{part:>12}" for part in PARTS))

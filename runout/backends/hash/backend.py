@@ -55,12 +55,12 @@ class HashBackend(Batch):
         self.device, self.deterministic, self.dense = wp.get_device(device), deterministic, dense
         self.counters = Counters()
 
-    def load(self, scene: Scene, particles: ParticleSource) -> None:
-        """Take over a scene and its particles."""
-        super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense)
+    def load(self, scene: Scene, particles: ParticleSource, more: int = 0) -> None:
+        """Take over a scene and its particles, with places for so many ``more``."""
+        super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense, more)
 
     def add(self, particles: Particles) -> None:
-        """Add particles to those that are there; only these are brought to the device, and a sort follows."""
+        """Add particles to those that are there; only these are brought to the device, before the next step."""
         self.join([(0, particles)])
 
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
@@ -81,7 +81,8 @@ class HashBackend(Batch):
 
     def checkpoint(self) -> State:
         """The state between two steps, for :meth:`restore`."""
-        return save(self)
+        with self._at_rest():
+            return save(self)
 
     def restore(self, scene: Scene, state: State) -> None:
         """Take over a scene in the state that :meth:`checkpoint` gave for it."""

@@ -53,6 +53,8 @@ class Batch:
         Results on a GPU repeat bit by bit, and those of a scene equal those of its own run.
     dense : bool
         All blocks of the box around the particles at the start are in use, for measurements.
+    more : int
+        Particles that are expected to join: places are made for them.
 
     Raises
     ------
@@ -63,8 +65,9 @@ class Batch:
     """
 
     def __init__(
-        self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False, dense: bool = False
-    ):
+        self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False,
+        dense: bool = False, more: int = 0,
+    ):  # fmt: skip
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
@@ -78,9 +81,10 @@ class Batch:
         self.present = np.ones(len(scenes), bool)
         self.since_sort, self.looks = 0, Looks(len(scenes))
         self.sorting: Snapshot | None = None  # behind a sort of which the host does not know yet
+        self.joining: list[tuple[int, Particles]] = []  # scene, and particles that wait for the next sort
         with self._on_device(sum(len(p) for _, p in scenes)):
             self.report = readback.Report(kernels.groups, len(given), self.device.is_cuda)
-            loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes])
+            loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes], more)
             self.accounts = loaded.accounts
             self.joined = [(s, a.particles) for s, a in enumerate(self.accounts)]  # scene and number of particles by number
             self.parts: Parts = self._parts_of(loaded, kernels)
@@ -109,16 +113,16 @@ class Batch:
         status = DeviceStatus(len(accounts), scenes.number)
         status.peaks.assign(np.array([*(a.max_speed**2 for a in accounts), 0.0], scenes.scenes[0].dtype))
         largest = scenes.largest_blocks(self.deterministic)
-        index = Index(kernels, status, store.size, self.deterministic, largest, len(accounts), scenes.rows)
+        index = Index(kernels, status, store.n, self.deterministic, largest, len(accounts), scenes.rows, store.size)
         ground = ground_of(scenes, loaded.largest_radius)
-        structures = structures_of(scenes, kernels, accounts, len(store.identity), loaded.largest_radius)
+        structures = structures_of(scenes, kernels, accounts, len(store.forces), loaded.largest_radius)
         return Parts(kernels, self.deterministic, scenes, status, ground, store, index, structures)
 
     def _place(self, nodes: wp.array) -> None:
         """Find the blocks of the particles from their first nodes (n, 3), and bring these into the order of the cells."""
         parts = self.parts
         parts.make_nodes()
-        if not parts.store.size:
+        if not parts.store.n:
             return
         works = sort.given(parts, nodes)
         sort.enqueue(parts, *works)
@@ -127,10 +131,10 @@ class Batch:
 
     def _rebuild(self) -> None:
         """Find the blocks anew and bring the particles back into the order of their cells in memory; the host does not wait."""
-        if self.sorting:
-            self._settle()
+        self._finish_sort()
         self.counters.rebuilds += 1
         self.since_sort = 0
+        self.parts.store.forget_joined()
         self._launch((self.parts.store.turn, -1), lambda: sort.enqueue_again(self.parts, self.report), SORTS_BEFORE)
         self.parts.store.turn_over()
         self.sorting = self.parts.status.snapshot()
@@ -142,33 +146,56 @@ class Batch:
         sort.settle(self.parts, lambda: sort.present(self.parts), found)
         return generation == self._generation()
 
+    def _finish_sort(self) -> None:
+        """Let the host know of the last sort if it does not yet."""
+        if self.sorting:
+            self._settle()
+
     def join(self, more: Sequence[tuple[int, Particles]]) -> None:
-        """Add particles to scenes between two steps, all at once, as :meth:`runout.backends.protocol.Backend.add`."""
+        """Add particles to scenes between two steps, as :meth:`runout.backends.protocol.Backend.add`.
+
+        They wait for the next step, or until the state is read: then all come to the device at once.
+        """
         more = [(scene, p) for scene, p in more if len(p)]
-        if not more:
-            return
-        addition.require_joinable(self.parts, more)
-        with self._on_device():
-            if self.sorting:
-                self._settle()
-            status = addition.join(self.parts, self.report, self.accounts, more, self.looks.made)
-            for scene, p in more:
-                self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
-                self.joined.append((scene, len(p)))
-                self.looks.travelled[scene] = np.inf
-            self._note_speeds(more, status["peaks"])
-        self.counters.rebuilds += 1
-        self.since_sort = 0
+        addition.require_joinable(self.parts, more, sum(len(p) for _, p in self.joining))
+        for scene, p in more:
+            if self.present[scene] and fastest(p) > self.accounts[scene].max_speed:
+                self._note_speed(scene, fastest(p))
+            self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
+            self.looks.join(scene, p)
+        self.joining += more
         self.report.forget()
 
-    def _note_speeds(self, more: Sequence[tuple[int, Particles]], peaks: np.ndarray) -> None:
-        """Let the device, whose largest squared speeds are ``peaks``, know of faster ones, from which contact is found."""
-        before = peaks.copy()
-        for scene, p in more:
-            if self.present[scene]:
-                peaks[scene] = max(peaks[scene], fastest(p) ** 2)
-        if (peaks > before).any():
+    def _note_speed(self, scene: int, speed: float) -> None:
+        """Let the device know of a largest speed [m/s] of a scene, from which contact is found."""
+        with self._on_device():
+            peaks = self.parts.status.peaks.numpy()
+            peaks[scene] = max(peaks[scene], speed**2)
             self.parts.status.peaks.assign(peaks)
+
+    def _take_up(self) -> None:
+        """Bring the particles that wait to the device, and launch a sort that takes them up; the host does not wait for it."""
+        more, self.joining = self.joining, []
+        if not more:
+            return
+        self._finish_sort()
+        many = sum(len(p) for _, p in more)
+        if addition.lacks_places(self.parts, many):
+            self._rebuild()
+            self._settle()
+            addition.grow(self.parts, many)
+        addition.put(self.parts, self.accounts, more, self.looks.made)
+        self.joined += [(scene, len(p)) for scene, p in more]
+        self._rebuild()
+        self.parts.store.taken_up = True
+
+    @contextmanager
+    def _at_rest(self) -> Iterator[None]:
+        """Scope of the device in which all particles have joined and the host knows of the last sort."""
+        with self._on_device():
+            self._take_up()
+            self._finish_sort()
+            yield
 
     def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:
         """Lower the ground of a scene, as :meth:`runout.backends.protocol.Backend.lower`: a sort cuts it anew before the next step.
@@ -213,8 +240,10 @@ class Batch:
         for scene, number in zip(self.parts.scenes.scenes, each, strict=True):
             scene.require_substeps(int(number))
         self.looks.begin(looks or {}, take, each)
+        lengths = np.asarray(dt, float) * each * np.asarray(count)
         with self._on_device():
-            self.looks.find_mass(self.parts, self.report, self.accounts, np.asarray(dt, float) * each * np.asarray(count))
+            self._take_up()
+            self.looks.find_mass(self.parts, self.report, self.accounts, lengths, self._finish_sort)
         self.report.forget()
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
@@ -241,6 +270,7 @@ class Batch:
         now, substeps = np.where(left > 0, dt, before), np.where(left > 0, substeps, scenes.substeps)
         if np.array_equal(before, now) and np.array_equal(scenes.substeps, substeps):
             return
+        self._finish_sort()
         if not np.array_equal(before, now):
             longer = wp.array(now - before, dtype=scenes.number)
             groups = parts.store.group, parts.index.block_group, scenes.constants, scenes.materials
@@ -326,8 +356,7 @@ class Batch:
 
     def _break(self, scene: int, reason: str) -> None:
         """A scene has become unstable: the only one ends the run, one of several leaves."""
-        if self.sorting:
-            self._settle()
+        self._finish_sort()
         if len(self.accounts) == 1:
             raise StabilityError(reason)
         self.accounts[scene].failure = reason
@@ -340,7 +369,8 @@ class Batch:
     def leave(self, scenes: Sequence[int]) -> None:
         """Scenes that have come to their end leave the device at the next sort; look at them before."""
         self.report.cached_ledger = None
-        parts = self.parts
+        with self._at_rest():
+            parts = self.parts
         self.present[list(scenes)] = False
         peaks = parts.status.peaks.numpy()
         peaks[list(scenes)] = 0.0
@@ -360,17 +390,17 @@ class Batch:
 
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""
-        with self._on_device():
+        with self._at_rest():
             return readback.ledgers(self.parts, self.report, self.accounts)
 
     def particles_of(self, scene: int) -> Particles:
         """The particles of a scene as they are, in the order of their identity."""
-        with self._on_device():
+        with self._at_rest():
             return readback.particles(self.parts, scene)
 
     def columns_of(self, scene: int) -> RasterSums:
         """Sums over the columns of the cells of a scene's raster."""
-        with self._on_device():
+        with self._at_rest():
             return readback.whole(self.parts, self.report, self.accounts, scene)
 
     def flow_columns_of(self, scene: int) -> RasterSums:
@@ -387,12 +417,16 @@ class Batch:
 
     def node_columns_of(self, scene: int) -> NodeSums | None:
         """Sums around nodes of the plan; None without particles."""
-        with self._on_device():
-            return readback.node_columns(self.parts, self.report, self.accounts, scene)
+        with self._at_rest():
+            found = readback.node_columns(self.parts, self.report, self.accounts, scene, self.looks.window(scene))
+            if found is None:
+                return None
+            self.looks.note(scene, found[1])
+            return found[0]
 
     def plan_masses_of(self, scene: int, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) of a scene by release around nodes of the plan."""
-        with self._on_device():
+        with self._at_rest():
             return readback.plan_masses(self.parts, self.accounts, scene, first, shape)
 
     def structure_impulses_of(self, scene: int) -> np.ndarray:
@@ -400,7 +434,7 @@ class Batch:
         structures = self.parts.structures
         if structures is None:
             return np.zeros((0, 3))
-        with self._on_device():
+        with self._at_rest():
             return structures.impulses(scene)
 
     def max_speed_of(self, scene: int) -> float:
@@ -409,7 +443,7 @@ class Batch:
 
     def look_at(self, scenes: Sequence[int]) -> None:
         """Bring the columns over windows of some scenes at once, for :meth:`flow_columns_of`; the host waits once for all."""
-        with self._on_device():
+        with self._at_rest():
             self.report.cached_columns |= readback.around_flow(self.parts, self.report, self.accounts, scenes)
 
 

@@ -22,6 +22,7 @@ from runout.backends.hash.groups import (
     GridGroup,
     GroundGroup,
     ParticleGroup,
+    PoreGroup,
     StatusGroup,
 )
 from runout.backends.hash.layout import (
@@ -35,12 +36,15 @@ from runout.backends.hash.layout import (
     LEFT,
     NEXT,
     NOT_NEGATIVE,
+    RELEASE,
+    ROWS,
     SECTOR,
     STARTS,
     Ints,
     Reals,
     Rows,
     Shorts,
+    Table2,
     lane_count,
     node4,
     own_block,
@@ -147,6 +151,25 @@ def place_particles(status: StatusGroup, particles: ParticleGroup, blocks: Block
         for q in range(AT_ONCE):
             if entries[q] >= 0:
                 particles.order[places[q]] = p + q * lanes
+
+
+def take_joining(particles: ParticleGroup, pores: PoreGroup, joining: Table2, reals: Rows, loaded: int):
+    """Put particles that join behind the others: their record, radius, pore pressure and force of the ground from ``reals``.
+
+    Each has the number of a column of ``reals`` behind those that were ``loaded``.
+    """
+    p = wp.tid()
+    place = joining[0, 0] + p
+    number = loaded + p
+    for row in range(ROWS):
+        particles.rec[row, place] = reals[row, p]
+    particles.radius[place] = reals[ROWS, p]
+    particles.release[place] = wp.int16(joining[RELEASE, p + 1])
+    particles.number[place] = number
+    if number < pores.left.shape[0]:
+        pores.excess[number] = reals[ROWS + 1, p]
+        pores.left[number] = reals[ROWS + 2, p]
+    put_node(particles.forces, number, node4(reals[ROWS + 3, p], reals[ROWS + 4, p], reals[ROWS + 5, p], reals[ROWS + 6, p]))
 
 
 def sort_cells(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup):

@@ -53,6 +53,7 @@ def save(engine: "HashBackend") -> State:
         "room": i.capacity,
         "entries": i.table.shape[0],
         "launched": i.launched,
+        "piece": i.piece,
         "places": s.size,
         "numbers": len(s.forces),
         "slots": n.slots,
@@ -125,6 +126,7 @@ def _index(parts: Parts, state: State) -> Index:
     """An index with the blocks of a state; its table stays empty until the next index is made."""
     size = {name: int(value) for name, value in part(state, "size.").items()}
     index = Index(parts.k, parts.status, parts.store.size, parts.ordered, parts.scenes.largest_blocks(parts.ordered))
+    index.piece, index.more_pieces = size["piece"], parts.store.size // size["piece"]
     index.make_table(size["entries"])
     index.make_room(size["room"])
     index.nown, index.nall, index.launched = size["nown"], size["nall"], size["launched"]

@@ -29,6 +29,7 @@ from runout.backends.hash.layout import (
     ENTERED,
     GROW,
     HALT,
+    NODE,
     OFFSET,
     OWNERS,
     SHARED_BLOCKS,
@@ -215,6 +216,26 @@ def number_present(status: StatusGroup, particles: ParticleGroup, blocks: BlockG
     count_in(blocks.ends, _cell_entry(k))
 
 
+def enter_joining(status: StatusGroup, keys: KeyGroup, joining: Table2):
+    """Enter the blocks around the first nodes of the particles that join, see :attr:`runout.backends.hash.state.Store.joining`."""
+    p = wp.tid()
+    if p < joining[1, 0]:
+        _enter_around(status, keys, joining[NODE, p + 1], joining[NODE + 1, p + 1], joining[NODE + 2, p + 1])
+
+
+def number_joining(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup, joining: Table2):
+    """Cell of the particles that join; count them by cell."""
+    p = wp.tid()
+    if status.flags[HALT] != 0 or p >= joining[1, 0]:
+        return
+    x = joining[NODE, p + 1]
+    y = joining[NODE + 1, p + 1]
+    z = joining[NODE + 2, p + 1]
+    k = _slot(keys, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
+    particles.key[joining[0, 0] + p] = k
+    count_in(blocks.ends, _cell_entry(k))
+
+
 class Index:
     """The table and its blocks, on the device of the scope in which it is made.
 
@@ -242,24 +263,24 @@ class Index:
 
     def __init__(
         self, kernels: SimpleNamespace, status: DeviceStatus, particles: int, ordered: bool, largest: int, many: int = 1,
-        rows: int = 2**20,
+        rows: int = 2**20, places: int = 0,
     ):  # fmt: skip
         self.k, self.status, self.ordered, self.many, self.rows, self.largest = kernels, status, ordered, many, rows, largest
-        self._choose_pieces(particles)
+        self._choose_pieces(particles, max(particles, places))
         self.nown = self.nall = self.capacity = self.generation = self.launched = 0
         self.former: Any = None
         self.box: Any = None
         self.make_table(first_table(particles))
         self.make_room(0)
 
-    def _choose_pieces(self, particles: int) -> None:
+    def _choose_pieces(self, particles: int, places: int) -> None:
         self.piece = LARGEST_PIECE if self.ordered else CELL_LANES * max(2, particles // (CELL_LANES * ALL_AT_WORK))
-        self.more_pieces = particles // self.piece
+        self.more_pieces = places // self.piece
 
     def fit_pieces(self, particles: int) -> None:
         """Pieces for so many places; a sort cuts them."""
         self.generation += 1
-        self._choose_pieces(particles)
+        self._choose_pieces(particles, particles)
         self.homes = wp.zeros((2 * self.capacity + self.more_pieces, 3), dtype=wp.int32)
         self.block_group = filled(self.k.groups.BlockGroup, self)
 

@@ -92,6 +92,7 @@ TOUCHED, GONE, TALLY = 2 * APART, 3 * APART, 4 * APART
 # counts of a sort: blocks entered in the index, of these those that may hold particles, blocks that may touch the ground, blocks of
 # the nodes that these reach, particles that are left; blocks that may touch structures, and blocks of the nodes that these reach
 ENTERED, OWNERS, NEAR, GROUNDED, LEFT, BESIDE, REACHED, COUNTS = range(8)
+NODE, RELEASE, SCENE = 0, 3, 4  # rows of the table of joining particles: first node (3), release, 64 times the scene
 LEFT_INDEX, UNSTABLE, GROW = 1, 2, 3  # why a batch halts; the last: a sort found too little room and changed no particle
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
 STARTS = CELL_LANES + 1  # where the cells of a block start and the last ends

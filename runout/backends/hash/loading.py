@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.account import Account
-from runout.backends.hash.limits import require_particles
+from runout.backends.hash.limits import largest_particles, require_particles
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.state import Store
 from runout.backends.loading import fastest, require_movable
@@ -41,8 +41,8 @@ class Loaded:
     largest_radius: float = 0.0
 
     @classmethod
-    def of(cls, scenes: SceneArrays, sources: Sequence[ParticleSource]) -> Loaded:
-        """The particles of one source a scene.
+    def of(cls, scenes: SceneArrays, sources: Sequence[ParticleSource], more: int = 0) -> Loaded:
+        """The particles of one source a scene, with places for so many ``more``.
 
         Raises
         ------
@@ -51,7 +51,11 @@ class Loaded:
         """
         size = sum(map(len, sources))
         require_particles(size, scenes.scenes[0].dtype().itemsize)
-        store = Store(np.zeros(size, np.int64), scenes.number, wet=scenes.wet)
+        places = min(size + more, largest_particles(scenes.scenes[0].dtype().itemsize))
+        store = Store(np.zeros(places, np.int64), scenes.number, wet=scenes.wet)
+        store.n = store.loaded = size
+        if more:
+            store.make_joining(0)
         loaded = cls(scenes, store, wp.zeros((size, 3), dtype=wp.int32))
         first = 0
         for number, (scene, source) in enumerate(zip(scenes.scenes, sources, strict=True)):

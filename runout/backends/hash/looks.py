@@ -17,8 +17,10 @@ from runout.backends.hash.account import Account
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of
 from runout.backends.protocol import RasterSums
+from runout.model.particles import Particles
 
 MARGIN = 8  # grid cells around the mass
+SPAN = 2  # nodes from the first of a particle to the last that it covers
 Take = Callable[[int, int, RasterSums], None]
 
 
@@ -50,17 +52,39 @@ class Looks:
         """
         self.wanted, self.take, self.begun, self.substeps = wanted, take, self.made.copy(), substeps
 
-    def find_mass(self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray) -> None:
+    def find_mass(
+        self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray, settle: Callable[[], None]
+    ) -> None:
         """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew.
 
-        The mass of every scene moves on, also in a series in which nobody looks at it.
+        The mass of every scene moves on, also in a series in which nobody looks at it. ``settle`` waits for a sort under way.
         """
         for s, time in enumerate(lengths):
             scene = parts.scenes.scenes[s]
             reach = (accounts[s].max_speed + np.linalg.norm(scene.gravity) * time) * time / min(scene.spacing[:2])
             if self.wanted.get(s) and self.travelled[s] + reach > MARGIN:
+                settle()
                 self.bounds[s], self.travelled[s] = bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))), 0.0
             self.travelled[s] += reach
+
+    def window(self, scene: int) -> Bounds | None:
+        """Nodes that hold the mass of a scene, None if they are not known."""
+        return self.bounds[scene] if self.travelled[scene] <= MARGIN else None
+
+    def note(self, scene: int, bounds: Bounds) -> None:
+        """The mass of a scene covers nodes within ``bounds`` now."""
+        low, high = bounds
+        self.bounds[scene], self.travelled[scene] = (low - MARGIN, high + MARGIN), 0.0
+
+    def join(self, scene: int, p: Particles) -> None:
+        """Particles join a scene: its window stays if they lie as far inside as the mass that was there."""
+        bounds, left = self.bounds[scene], MARGIN - self.travelled[scene]
+        if bounds is None or left < 0:
+            self.travelled[scene] = np.inf
+            return
+        node, (low, high) = p.node[:, :2], bounds
+        if (node < low + left).any() or (node + SPAN > high - left).any():
+            self.travelled[scene] = np.inf
 
     def launch(self, parts: Parts, accounts: Sequence[Account], step: int, left: np.ndarray) -> None:
         """Launch the sums that are wanted after this transfer, ``step`` of a batch, before which ``left`` (scenes,) were."""

@@ -171,6 +171,18 @@ def sum_blocks(
                 wp.atomic_max(sums.bounds, s, 4 + d, blocks.coordinates[b, d])
 
 
+def bound_blocks(status: StatusGroup, blocks: BlockGroup, sums: SumGroup):
+    """Number and extent of the blocks of each scene that hold particles."""
+    a = wp.tid()
+    if a < status.tally[NEXT]:
+        b = blocks.active[a]
+        s = blocks.member[b]
+        wp.atomic_add(sums.bounds, s, 0, 1)
+        for d in range(3):
+            wp.atomic_min(sums.bounds, s, 1 + d, blocks.coordinates[b, d])
+            wp.atomic_max(sums.bounds, s, 4 + d, blocks.coordinates[b, d])
+
+
 def sum_rows(status: StatusGroup, blocks: BlockGroup, rows: Doubles2, parts: int, sums: Doubles2):
     """Sums (scenes parts, width) of the rows of the blocks of each scene; part q takes every ``parts``-th."""
     i, lane = wp.tid()

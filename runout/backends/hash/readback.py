@@ -32,6 +32,7 @@ NO_BLOCKS = np.array([0, *[2**29] * 3, *[-(2**29)] * 3])
 FASTEST = 1024.0  # [m/s] of a column; sums of momentum have bits that do not depend on when the host last read the speed
 Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
 LANES = [0, 2, 3, 4, 1]  # of sums by column, in the order of footprints: volume, momentum, mass
+WORDS = 4  # of 8 bytes, which hold number and extent of the blocks of a scene
 REACH = 5  # cells from the first of a block that its particles cover
 
 
@@ -84,6 +85,13 @@ class Report:
             run_each(parts.k.write_sums, self.group.ledger.size, PARTICLE_LANES, status, self.group)
             self.cached_ledger = self.group.ledger.numpy()
         return self.cached_ledger
+
+    def bound(self, parts: Parts, scene: int, words: wp.array) -> None:
+        """Launches that find number and extent of the blocks of a scene, seven whole numbers in the memory of ``words``."""
+        wp.copy(self.group.bounds, self.no_blocks)
+        run(parts.k.bound_blocks, parts.index.capacity, parts.status.group, parts.index.block_group, self.group)
+        row = wp.array(ptr=words.ptr, dtype=wp.int32, shape=len(NO_BLOCKS), device=words.device)
+        wp.copy(row, self.group.bounds[scene])
 
     def _sum_since_sort(self, parts: Parts) -> None:
         scenes = parts.scenes
@@ -171,24 +179,43 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
     return dict.fromkeys(bounds, footprints.nothing()) | columns
 
 
-def node_columns(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> NodeSums | None:
-    """Sums around nodes of the plan over a window that holds all mass of a scene; None without any."""
-    bounds, s = bounds_of(parts, report, scene), parts.scenes.scenes[scene]
-    if bounds is None:
+def node_columns(
+    parts: Parts, report: Report, accounts: Sequence[Account], scene: int, wide: Bounds | None
+) -> tuple[NodeSums, Bounds] | None:
+    """Sums around nodes of the plan over a window that holds all mass of a scene, and the nodes that it covers; None without any.
+
+    The host waits once if it knows a ``wide`` window that holds the mass.
+    """
+    s = parts.scenes.scenes[scene]
+    if wide is None or report.cached_ledger is not None:
+        wide = bounds_of(parts, report, scene)
+    if wide is None:
         return None
     cells = footprints.lattice_shape(s.raster, footprints.lattice_cell(s))[::-1]
-    (low, high), last = ([int(n) for n in end] for end in bounds), [n // 2 for n in cells]
-    first = [min(max(n, 0), end) for n, end in zip(low, last, strict=True)]
-    nx, ny = (max(min(n, end) - begin, 0) + 1 for n, end, begin in zip(high, last, first, strict=True))
+    (i, j), (nx, ny) = _nodes_within(wide, cells)
     require_index(5 * nx * ny, "sums around nodes")
-    window, units = wp.array(np.array([*first, nx, ny, scene, *cells], np.int32), dtype=wp.int32), _units(accounts[scene], s)
-    sums = wp.zeros(5 * nx * ny, dtype=wp.int64)
+    window, units = wp.array(np.array([i, j, nx, ny, scene, *cells], np.int32), dtype=wp.int32), _units(accounts[scene], s)
+    sums = wp.zeros(5 * nx * ny + WORDS, dtype=wp.int64)
     groups = parts.store.group, parts.index.block_group, parts.scenes.group
     run(parts.k.add_around_nodes, parts.store.size, *groups, window, wp.array(units, dtype=wp.float64), sums)
-    numbers, columns = _brought_down(parts, sums).reshape(nx, ny, 5), np.empty((5, nx, ny))
+    report.bound(parts, scene, sums[5 * nx * ny :])
+    numbers = _brought_down(parts, sums)
+    bounds = _bounds(parts, scene, numbers[-WORDS:].view(np.int32)[: 2 * WORDS - 1])
+    if bounds is None:
+        return None
+    first, shape = _nodes_within(bounds, cells)
+    own = numbers[:-WORDS].reshape(nx, ny, 5)[first[0] - i :, first[1] - j :][: shape[0], : shape[1]]
+    columns = np.empty((5, *shape))
     for lane, (place, unit) in enumerate(zip(LANES, units[[0, 2, 2, 2, 1]], strict=True)):
-        np.multiply(numbers[..., place], 1.0 / unit, out=columns[lane])
-    return NodeSums((first[0], first[1]), columns)
+        np.multiply(own[..., place], 1.0 / unit, out=columns[lane])
+    return NodeSums(first, columns), bounds
+
+
+def _nodes_within(bounds: Bounds, cells: Sequence[int]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First node and number of nodes east and north of a window, as far as it lies on a lattice of so many half cells."""
+    (low, high), (x, y) = ([int(n) for n in end] for end in bounds), (n // 2 for n in cells)
+    i, j = min(max(low[0], 0), x), min(max(low[1], 0), y)
+    return (i, j), (max(min(high[0], x) - i, 0) + 1, max(min(high[1], y) - j, 0) + 1)
 
 
 def _brought_down(parts: Parts, sums: wp.array) -> np.ndarray:
@@ -218,7 +245,12 @@ def plan_masses(
 
 def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:
     """Lowest and highest node (2,) in plan that the particles cover, ``margin`` nodes farther out; None without particles."""
-    low, high = 4 * report.rows(parts)[scene, -6:].reshape(2, 3)[:, :2]
+    return _bounds(parts, scene, report.rows(parts)[scene, -7:], margin)
+
+
+def _bounds(parts: Parts, scene: int, row: np.ndarray, margin: int = 0) -> Bounds | None:
+    """The same from number and extent (7,) of the blocks of the scene."""
+    low, high = 4 * row[1:].reshape(2, 3)[:, :2].astype(np.int64)
     if low[0] > high[0]:
         return None
     shift = (0, parts.scenes.shifts[scene])

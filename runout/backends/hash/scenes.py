@@ -45,8 +45,8 @@ class SceneArrays:
         Parameters of the law, on the host and on the device.
     friction : (releases times kinds of ground,) records
         Basal friction of the releases.
-    releases : (scenes,) int32
-        First release of each scene, on the device.
+    releases, numbers : (scenes,) int32
+        First release and number of each scene, on the device.
     mixed : int
         Most releases of a scene if the friction of those of any scene differs, else 1.
     wet : bool
@@ -78,6 +78,7 @@ class SceneArrays:
         zones = Zones(scenes, kernels.friction_record)
         self.friction = zones.friction
         self.releases = wp.array(self.first_release[:-1].astype(np.int32), dtype=wp.int32)
+        self.numbers = wp.array(np.arange(many, dtype=np.int32), dtype=wp.int32)
         self.mixed = max(scene.basal.mixed for scene in scenes)
         steps, packed = (wp.zeros(many, dtype=self.number) for _ in range(2))
         left, step_counts = (wp.zeros(many, dtype=wp.int32) for _ in range(2))

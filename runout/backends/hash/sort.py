@@ -29,22 +29,28 @@ def given(parts: Parts, node: wp.array) -> Works:
     """How to enter the blocks of particles whose first nodes (n, 3) are given, and to number their cells."""
     i, s, k, status = parts.index, parts.store, parts.k, parts.status.group
     return (
-        lambda: run(k.enter_given, s.size, status, i.key_group, node),
-        lambda: run(k.number_given, s.size, status, s.group, i.block_group, i.key_group, node),
+        lambda: run(k.enter_given, len(node), status, i.key_group, node),
+        lambda: run(k.number_given, len(node), status, s.group, i.block_group, i.key_group, node),
     )
 
 
 def present(parts: Parts) -> Works:
-    """The same for particles where they are; they name the blocks of the former index."""
+    """The same for particles where they are, which name the blocks of the former index, and for those that join."""
     i, s, k, status = parts.index, parts.store, parts.k, parts.status.group
+    table = s.joining.shape[1]
 
     def enter() -> None:
         marks = parts.nodes.touching  # holds nothing that is needed between two steps
         marks.zero_()
         run(k.mark_around, s.size, status, s.group, i.block_group, i.key_group, marks)
         run(k.enter_marked, (i.capacity, 27), status, i.block_group, i.key_group, marks)
+        run(k.enter_joining, table, status, i.key_group, s.joining)
 
-    return enter, lambda: run(k.number_present, s.size, status, s.group, i.block_group, i.key_group)
+    def number() -> None:
+        run(k.number_present, s.size, status, s.group, i.block_group, i.key_group)
+        run(k.number_joining, table, status, s.group, i.block_group, i.key_group, s.joining)
+
+    return enter, number
 
 
 def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None]) -> None:
@@ -68,7 +74,7 @@ def keep(parts: Parts, report: Report) -> None:
 
 
 def enqueue_again(parts: Parts, report: Report) -> None:
-    """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
+    """Launches of a sort of the particles where they are, and of those that join; what is booked by block is kept by scene."""
     keep(parts, report)
     enqueue(parts, *present(parts))
 

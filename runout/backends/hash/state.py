@@ -31,6 +31,7 @@ from runout.backends.hash.layout import (
     MOMENTUM,
     OFFSET,
     ROWS,
+    SCENE,
     SPARE,
     STAMPS,
     STRAIN,
@@ -40,6 +41,8 @@ from runout.backends.hash.layout import (
     run_blocks,
 )
 from runout.model.particles import Particles
+
+FEWEST_JOINING = 2**11  # columns of the table of joining particles
 
 
 class Store:
@@ -58,6 +61,11 @@ class Store:
         back, and the radius to the place at the other end; or all of them by ``spare`` places.
     forces, pore_left, pore_excess : (loaded or more,)
         As in :class:`runout.backends.hash.groups.PoreGroup`, by number; those of pores are empty in a dry batch.
+    joining : (5, room) int32
+        Particles that the next sort takes up: in column 0 the place of the first and their number, in the others first node,
+        release and 64 times the scene of each. Without columns until some are expected or join.
+    taken_up : bool
+        Whether a sort has taken them up.
     put_releases : set of int
         Releases of the particles.
     """
@@ -69,6 +77,7 @@ class Store:
         self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
         self.pore_left, self.pore_excess = (wp.zeros(len(identity) * wet, dtype=number) for _ in range(2))
         self.struct = groups_of(number).ParticleGroup
+        self.joining, self.taken_up = wp.zeros((SCENE + 1, 0), dtype=wp.int32), False
         self._make_places(size, number)
         self.number.assign(np.arange(size, dtype=np.int32))
 
@@ -99,26 +108,21 @@ class Store:
         """Excess pore pressure at the start, and the part that remains, (loaded,) each; empty in a dry batch."""
         return self.pore_excess, self.pore_left
 
-    def put(
-        self, part: slice, p: Particles, first_release: int, spacing: tuple[float, float, float], dtype: Any, steps: int = 0
-    ) -> None:  # fmt: skip
+    def put(self, part: slice, p: Particles, first_release: int, spacing: tuple[float, float, float], dtype: Any) -> None:
         """Bring some particles to their places ``part`` on the device, their releases numbered from ``first_release`` on.
 
-        The records hold no stress yet (time step 0). Forces of the ground are those of the last of so many ``steps``.
+        The records hold no stress yet (time step 0).
         """
         release = p.release + first_release
         self.put_releases |= set(np.unique(release).tolist())
         self.identity[part] = p.identity
         self.release[part].assign(release.astype(np.int16))
-        rows = np.zeros((ROWS + 1, len(p)), dtype)
-        for place in range(ROWS + 1):
-            rows[place] = _values(p, spacing, place)
-        wp.copy(self.memory[: ROWS + 1, part], wp.array(rows, dtype=self.memory.dtype))
+        wp.copy(self.memory[: ROWS + 1, part], wp.array(rows_of(p, spacing, dtype), dtype=self.memory.dtype))
         if len(self.pore_left):
             self.pore_left[part].assign(p.pore_left.astype(dtype))
             self.pore_excess[part].assign(p.pore_excess.astype(dtype))
         if p.ground_force.any():  # from which contact starts
-            self.forces[part].assign(np.column_stack([np.full(len(p), steps & STAMPS), p.ground_force]).astype(dtype))
+            self.forces[part].assign(np.column_stack([np.zeros(len(p)), p.ground_force]).astype(dtype))
 
     def grow(self, places: int) -> None:
         """Make so many places, and room for forces and pore pressure of the numbers that may come."""
@@ -127,6 +131,7 @@ class Store:
         numbers = self.loaded + max(places - n, places // 8)
         self.forces = _longer(self.forces, numbers)
         self.pore_left, self.pore_excess = (_longer(a, numbers * self.wet) for a in (self.pore_left, self.pore_excess))
+        self._take_turn(0)
         if not n:
             return
         wp.copy(self.rec[:, :n], rec[:, :n])
@@ -134,23 +139,36 @@ class Store:
         for mine, former in zip((self.release, self.number, self.key), by_place, strict=True):
             wp.copy(mine, former, count=n)
 
-    def join(self, fresh: Store) -> None:
-        """Take the particles of another store behind the others, into places that are free; without cells."""
-        first, loaded, many = self.n, self.loaded, fresh.size
-        self.n += many
-        places, numbers = slice(first, first + many), slice(loaded, loaded + many)
+    def join(self, identity: np.ndarray, releases: set[int]) -> None:
+        """Count particles with an ``identity`` (m,) that lie behind the others, in free places and without cells."""
+        loaded, many = self.loaded, len(identity)
         if len(self._identity) < loaded + many:
             more = np.empty(many + (loaded + many) // 8, np.int64)  # also for those that come: all are copied seldom
             self._identity = np.concatenate([self.identity, more])
-        self._identity[numbers], self.loaded = fresh.identity, loaded + many
-        self.put_releases |= fresh.put_releases
-        wp.copy(self.rec[:, places], fresh.rec)
-        wp.copy(self.radius[places], fresh.radius)
-        wp.copy(self.release[places], fresh.release)
-        self.number[places].assign(np.arange(loaded, loaded + many, dtype=np.int32))
-        for mine, new in zip((self.forces, *self.pores), (fresh.forces, *fresh.pores), strict=True):
-            if len(mine):
-                wp.copy(mine[numbers], new)
+        self._identity[loaded : loaded + many] = identity
+        self.n, self.loaded = self.n + many, loaded + many
+        self.put_releases |= releases
+
+    def note_joining(self, numbers: np.ndarray) -> bool:
+        """Bring the ``numbers`` (5, m) of particles that join behind the others; returns whether the table was made anew."""
+        many, before = numbers.shape[1], self.joining.shape[1]
+        if many >= before:
+            self.make_joining(many)
+        table = np.zeros(self.joining.shape, np.int32)
+        table[:2, 0], table[:, 1 : many + 1] = (self.n, many), numbers
+        self.joining.assign(table)
+        self.taken_up = False
+        return many >= before
+
+    def make_joining(self, many: int) -> None:
+        """A table for so many particles that join, or more; nothing is in it."""
+        self.joining = wp.zeros((SCENE + 1, max(1 << many.bit_length(), FEWEST_JOINING)), dtype=wp.int32)
+
+    def forget_joined(self) -> None:
+        """Empty the table of joining particles if a sort has taken them up; that sort is done."""
+        if self.taken_up:
+            self.joining[1, :1].zero_()
+            self.taken_up = False
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
@@ -235,6 +253,14 @@ def _longer(array: Any, size: int) -> Any:
     if len(array):
         wp.copy(longer, array, count=len(array))
     return longer
+
+
+def rows_of(p: Particles, spacing: tuple[float, float, float], dtype: Any) -> np.ndarray:
+    """Records and radius (25, n) of particles, without stress."""
+    rows = np.zeros((ROWS + 1, len(p)), dtype)
+    for place in range(ROWS + 1):
+        rows[place] = _values(p, spacing, place)
+    return rows
 
 
 def _values(p: Particles, spacing: tuple[float, float, float], place: int) -> np.ndarray:

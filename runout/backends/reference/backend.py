@@ -66,7 +66,7 @@ class ReferenceBackend:
         self.watch: Any = lambda *_: None  # called by substep with stencils, nodal mass, velocity before contact; may be set
         self._pushes: list[np.ndarray] = []
 
-    def load(self, scene: Scene, particles: ParticleSource) -> None:
+    def load(self, scene: Scene, particles: ParticleSource, more: int = 0) -> None:
         """Load a scene and its particles; sums and counters start at zero."""
         given = gathered(particles)
         require_index_range(given.node, scene.spacing)

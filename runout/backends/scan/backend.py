@@ -76,7 +76,7 @@ class ScanBackend:
         self.dense = index == "dense"
         self.period = (0, 0, 0)  # [cells] after which the grid, not the ground, repeats; may be set where the index is dense
 
-    def load(self, scene: Scene, particles: ParticleSource) -> None:
+    def load(self, scene: Scene, particles: ParticleSource, more: int = 0) -> None:
         """Take over a scene and its particles."""
         nodes, speed = surveyed(particles)
         self.scene, self.k, self.counters = scene, entries_for(scene), Counters()
