@@ -98,6 +98,14 @@ def test_round_bodies_and_those_of_too_many_facades_are_one_facade():
     assert set(facades_of(prism(star))) == {"surface"}
 
 
+def test_a_body_of_small_pieces_only_is_one_facade():
+    corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+    vertices = np.concatenate([corners + np.array((3.0 * k, 0.0, 0.0)) for k in range(51)])  # each less than 2 % of the area
+    facade, names = mesh_facades(vertices, np.arange(153).reshape(-1, 3))
+    assert names == ("surface",)
+    assert not facade.any()
+
+
 def test_small_faces_are_the_rest():
     corner = [(0.0, 0.0), (10.0, 0.0), (10.0, 9.6), (9.6, 10.0), (0.0, 10.0)]
     facades = facades_of(prism(corner))
