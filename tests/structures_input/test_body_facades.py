@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from structure_bodies import SOUTH, WEST, box
+from structure_bodies import SOUTH, WEST, body, box
 
 from runout.model.terrain import Terrain
 from runout.structures import mesh_faults
@@ -226,3 +226,14 @@ def test_a_wall_of_one_cell_and_a_rest_has_patches_of_about_a_cell(level):
         assert of_it.max() <= 2.5 * 4.0
     assert np.linalg.norm(patches.normal, axis=1) == pytest.approx(np.ones(len(patches.area)))
     assert (np.abs(patches.normal).max(axis=1) > 0.99).all(), "no patch lies around an edge"
+
+
+def test_a_body_with_corners_on_the_ground_is_cut_into_pieces_that_all_have_an_area(level):
+    ring = [(100, 100), (120, 100), (120, 120), (100, 120)]  # corners at the elevation of the ground
+    vertices = np.array([*((x, y, 100.0) for x, y in ring), (110, 110, 115.0), (110, 110, 85.0)])
+    faces = [(k, (k + 1) % 4, 4) for k in range(4)] + [((k + 1) % 4, k, 5) for k in range(4)]
+    pieces, _ = cut_pieces([body(trimesh.Trimesh(vertices, faces, process=False))], level, 2.0)
+    _, areas = normals_and_areas(pieces.corners)
+    assert areas.min() > 0.0
+    assert areas.sum() == pytest.approx(8 * 0.5 * 20.0 * np.hypot(10.0, 15.0))
+    assert areas[pieces.visible].sum() == pytest.approx(0.5 * areas.sum())
