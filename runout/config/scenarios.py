@@ -123,11 +123,13 @@ def scenario_rates(scenarios: Sequence[ScenarioSettings]) -> list[float]:
     """
     rates = []
     for k, one in enumerate(scenarios):
-        rate = 1.0 / (one.return_period or one.exceedance_return_period or 1.0)
+        rate = one.power_law.rate if one.power_law else one.annual_rate or 0.0
+        if period := one.return_period or one.exceedance_return_period:
+            rate = 1.0 / period
         if one.exceedance_return_period:
             later = next((s for s in scenarios[k + 1 :] if _same_relation(one, s)), None)
             rate -= 1.0 / later.exceedance_return_period if later else 0.0  # type: ignore[operator]
-        rates.append(one.annual_rate or (one.power_law.rate if one.power_law else rate))
+        rates.append(rate)
     if any(rate <= 0 for rate in rates):
         raise ConfigError("ensemble.scenarios: the exceedance_return_period of a relation must rise from each scenario to the next")
     return rates

@@ -127,7 +127,7 @@ def births_over_polygon(inflow: Inflow, how: Spacing) -> Births:
     each = max(1, round(SHARE_AT_ONCE * area / (how.along * how.across)))
     count = np.full(math.ceil(number / each), each)
     count[-1] = number - each * (len(count) - 1)
-    time = h.entered.when(before + whole * np.minimum(np.cumsum(count) / number, 1.0))
+    time = h.entered.when(before + whole * np.cumsum(count) / number)
     velocity = np.zeros(len(count)) if h.velocity is None else np.interp(time, h.time, h.velocity)
     return Births(time, count, np.full(len(count), whole / number), np.zeros(len(count)), velocity)
 

@@ -91,7 +91,7 @@ def _name(normals: np.ndarray, areas: np.ndarray) -> str:
 
 def face_pairs(faces: np.ndarray) -> np.ndarray:
     """Rows (n, 2) of the faces that share each inner edge of a mesh."""
-    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2))
     order = np.lexsort(ends.T)
     same = (ends[order[1:]] == ends[order[:-1]]).all(1)
     return np.stack([order[:-1][same] // 3, order[1:][same] // 3], axis=1)

@@ -214,3 +214,10 @@ def test_an_empty_name_of_a_file_and_a_missing_key_have_a_remedy(edited):
         "site.yaml:8: release[0].polygons: is empty; write a name or remove the key",
         "site.yaml:15: simulation.end_time: required key is missing; add it: longest simulated time [s]",
     ]
+
+
+@pytest.mark.parametrize("ends", [[0.0, 300.0, 200.0], [0.0, 200.0, 200.0]])
+def test_ends_of_reaches_along_a_thalweg_rise(ends):
+    assert DifferenceSettings(raster="dod.tif", reaches=sorted({*ends})).reaches == sorted({*ends})
+    with pytest.raises(ValidationError, match=f"200 m follows {ends[1]:g} m"):
+        DifferenceSettings(raster="dod.tif", reaches=ends)

@@ -2,6 +2,7 @@
 
 import math
 
+import geopandas
 import numpy as np
 import pytest
 import shapely
@@ -12,6 +13,7 @@ from runout import Hydrograph, Inflow, Terrain
 from runout.errors import ConfigError
 from runout.model.inflow import Cumulative
 from runout.release import inlet
+from runout.release.read_inflow import read_inflow
 
 X = (np.arange(40) + 0.5) * 2.0
 TERRAIN = Terrain.from_array(np.tile(100.0 - 0.5 * X, (30, 1)), 2.0, origin=(1000.0, 2000.0))  # falls to the east
@@ -154,6 +156,20 @@ def test_births_over_a_polygon_raise_it_little_by_little():
     assert found.total == pytest.approx(300.0, rel=1e-12)
     assert float((found.count * found.volume).max()) <= 0.26 * 0.25 * 100.0
     np.testing.assert_allclose(np.diff(found.time), found.time[0], rtol=1e-6)
+
+
+def test_the_last_particle_of_a_polygon_is_born_at_the_end_of_the_hydrograph():
+    found = births(inflow(Hydrograph([1.0, 4.0, 9.0], [0.0, 30.0, 0.0]), polygon=shapely.box(1010.0, 2010.0, 1020.0, 2020.0)))
+    assert found.time[-1] == pytest.approx(9.0, rel=1e-9)
+    assert (np.diff(found.time) > 0.0).all()
+
+
+def test_an_inflow_of_a_file_is_named_after_it_unless_it_has_a_name(tmp_path):
+    frame = geopandas.GeoDataFrame(geometry=[shapely.LineString(ACROSS)], crs=None)
+    frame.to_file(tmp_path / "torrent.geojson")
+    series = Hydrograph([0.0, 10.0], [30.0, 30.0])
+    names = [read_inflow(tmp_path / "torrent.geojson", TERRAIN, series, thickness=1.0, name=name).name for name in (None, "gauge")]
+    assert names == ["torrent", "gauge"]
 
 
 @pytest.mark.parametrize(

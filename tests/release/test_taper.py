@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from runout.model.terrain import Terrain
 from runout.release import taper
 from runout.release.outlets import trapped_share
 from runout.release.read import _on_cells
-from runout.release.statements import separate_parts, start_sentences, statement
+from runout.release.statements import record, separate_parts, start_sentences, statement
 from runout.release.taper import tapered
 from runout.simulation.scenario import build_scene
 
@@ -206,6 +207,25 @@ def test_many_polygons_are_tapered_and_too_many_keep_a_vertical_edge(write_polyg
     many = Release.from_vector(write_polygons(specks, "many.gpkg"), terrain, thickness=2.0)
     assert (many.edge, many.body) == (Edge.VERTICAL, None)
     assert "separate parts are too many to be tapered" in many.changes[0]
+
+
+@pytest.mark.parametrize("factor", [0.4, 1.0])
+def test_a_bowl_that_is_cut_keeps_its_volume_and_ends_between_two_of_the_surfaces_that_fall_to_the_rim(slope, factor):
+    for part in mass(slope, 7.0).body.parts:
+        thickness = part._thickness(factor)
+        above = np.minimum(taper.DEEPEST * factor * part.bowl, part.planes)
+        between = [(b - 1e-9 <= thickness).all() and (thickness <= a + 1e-9).all() for a, b in pairwise(above)]
+        assert any(between)
+        assert float((part.cells @ thickness).sum()) == pytest.approx(factor * float((part.cells @ part.bowl).sum()), rel=1e-6)
+        assert (thickness >= 0.0).all()
+
+
+def test_the_record_of_a_release_has_its_largest_and_its_mean_thickness(slope):
+    release = mass(slope, 7.0)
+    sizes = record(release)
+    assert sizes["largest_thickness"] == release.thickness.max()
+    assert sizes["volume"] / sizes["area"] == pytest.approx(sizes["mean_thickness"])
+    assert 1.3 * sizes["mean_thickness"] < sizes["largest_thickness"] < 3.0 * sizes["mean_thickness"]
 
 
 def test_parts_that_are_shaped_together_have_the_shape_that_each_has_alone():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from structure_bodies import SOUTH, WEST, box
+from structure_bodies import SOUTH, WEST, body, box
 
 from runout.model.terrain import Terrain
 from runout.structures import mesh_faults
@@ -96,6 +96,14 @@ def test_round_bodies_and_those_of_too_many_facades_are_one_facade():
     assert len(facades_of(prism(star))) == 24
     star = ring(24) * np.where(np.arange(24) % 2, 1.0, 0.6)[:, None]
     assert set(facades_of(prism(star))) == {"surface"}
+
+
+def test_a_body_of_small_pieces_only_is_one_facade():
+    corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+    vertices = np.concatenate([corners + np.array((3.0 * k, 0.0, 0.0)) for k in range(51)])  # each less than 2 % of the area
+    facade, names = mesh_facades(vertices, np.arange(153).reshape(-1, 3))
+    assert names == ("surface",)
+    assert not facade.any()
 
 
 def test_small_faces_are_the_rest():
@@ -218,3 +226,14 @@ def test_a_wall_of_one_cell_and_a_rest_has_patches_of_about_a_cell(level):
         assert of_it.max() <= 2.5 * 4.0
     assert np.linalg.norm(patches.normal, axis=1) == pytest.approx(np.ones(len(patches.area)))
     assert (np.abs(patches.normal).max(axis=1) > 0.99).all(), "no patch lies around an edge"
+
+
+def test_a_body_with_corners_on_the_ground_is_cut_into_pieces_that_all_have_an_area(level):
+    ring = [(100, 100), (120, 100), (120, 120), (100, 120)]  # corners at the elevation of the ground
+    vertices = np.array([*((x, y, 100.0) for x, y in ring), (110, 110, 115.0), (110, 110, 85.0)])
+    faces = [(k, (k + 1) % 4, 4) for k in range(4)] + [((k + 1) % 4, k, 5) for k in range(4)]
+    pieces, _ = cut_pieces([body(trimesh.Trimesh(vertices, faces, process=False))], level, 2.0)
+    _, areas = normals_and_areas(pieces.corners)
+    assert areas.min() > 0.0
+    assert areas.sum() == pytest.approx(8 * 0.5 * 20.0 * np.hypot(10.0, 15.0))
+    assert areas[pieces.visible].sum() == pytest.approx(0.5 * areas.sum())

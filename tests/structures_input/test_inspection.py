@@ -140,6 +140,16 @@ def test_cells_of_a_release_in_a_body_are_counted(level):
     assert release_overlaps([body(box((130, 100, 98), (10, 12, 6)))], [dug]) == []
 
 
+def test_a_release_off_the_diagonal_is_compared_along_both_axes(level):
+    thickness = np.zeros(level.shape)
+    thickness[28:32, 28:32] = 4.0  # 140 m to 160 m east, 40 m to 60 m north
+    scar = Release(thickness, level, name="scar")
+    (problem,) = release_overlaps([body(box((150, 50, 98), (10, 12, 6)), "low")], [scar])
+    assert "on 4 cells" in problem
+    for elsewhere in ((50, 150), (150, 150), (50, 50)):
+        assert release_overlaps([body(box((*elsewhere, 98), (10, 12, 6)), "low")], [scar]) == []
+
+
 def test_bodies_lower_than_a_cell_are_warned_of_by_the_height_of_the_grid(level):
     low = body(box((100, 100, 101), (20, 20, 3)), "low")
     (warning,) = low_structures([low, body(box((60, 60, 103), (10, 10, 10)))], level, (2.0, 2.0, 3.0))

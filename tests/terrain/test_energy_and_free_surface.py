@@ -9,8 +9,9 @@ from runout.io.elevation_raster import ElevationRaster, moved
 from runout.model.release import Placement, Release
 from runout.model.terrain import Terrain
 from runout.terrain import fill, prepare
-from runout.terrain.energy_line import largest_speed
+from runout.terrain.energy_line import _aside, largest_speed
 from runout.terrain.free_surface import free_surface
+from runout.terrain.source import ELEVATION, north_up_in_unit_of
 
 CELL = (5.0, 4.0)
 FALL, THICK, FRICTION = 0.5, 6.0, 0.2
@@ -119,3 +120,18 @@ def test_the_energy_line_begins_at_the_highest_point_of_the_mass():
     reach = prepare.reachable(Terrain.from_array(np.zeros((41, 41)), 1.0), thickness, np.radians(45.0))
     columns = np.flatnonzero(reach[20])
     assert 20 - columns[0] == columns[-1] - 21 == 11  # 10 m high at 45 degrees, and one cell more
+
+
+def test_cells_beside_a_mass_are_as_far_from_it_as_from_its_box():
+    thickness = np.array([0.0, 0.0, 2.0, 0.0, 3.0, 0.0, 0.0])
+    np.testing.assert_array_equal(_aside(thickness, 5.0), [10.0, 5.0, 0.0, 0.0, 0.0, 5.0, 10.0])
+    np.testing.assert_array_equal(_aside(np.array([1.0, 0.0, 0.0]), 4.0), [0.0, 4.0, 8.0])
+
+
+def test_a_raster_comes_north_up_and_in_metres_and_its_reader_logs_the_changes(caplog):
+    feet = ElevationRaster(np.arange(6.0).reshape(2, 3), (10.0, 0.0, 100.0, 0.0, 10.0, 200.0), None, "ft", "feet.tif")
+    metres = north_up_in_unit_of(feet, ELEVATION)
+    np.testing.assert_allclose(metres.values, 0.3048 * np.array([[3.0, 4.0, 5.0], [0.0, 1.0, 2.0]]))
+    assert metres.transform[4] < 0 < metres.transform[0]
+    assert any("were in ft; multiplied by 0.3048" in change for change in metres.changes)
+    assert caplog.records == []
