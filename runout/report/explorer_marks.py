@@ -37,7 +37,7 @@ def marks(study: Study, settings: Mapping[str, Any]) -> list[dict[str, Any]]:
     basemap, cell = study.basemap, min(study.basemap.cell_size)
     of_structure, of_probe = _loads(study, settings), _series(study)
     groups: list[tuple[str, str, bool, list[tuple[Mark, dict[str, Any] | None]]]] = [
-        ("Releases", RELEASE, True, [(Mark(outline, "release"), None) for outline in basemap.outlines]),
+        ("Releases and inflows", RELEASE, True, [(Mark(outline, "release or inflow"), None) for outline in basemap.outlines]),
         ("Outlines of the ensemble", OUTLINE, False, [(mark, None) for mark in _inundation(study, cell)]),
         ("Obstacles and structures", OBSTACLE, True, [(mark, of_structure(mark.label)) for mark in basemap.obstacles]),
         ("Friction zones", INK, False, [(mark, None) for mark in basemap.zones]),

@@ -37,13 +37,9 @@ TIME = "time since release [s]"
 
 
 def budget_chart(ledgers: Mapping[int, Ledger], members: "pd.DataFrame") -> Markup:
-    """Stacked shares of the released potential energy of the representative member; the dashed line is the energy released so far.
-
-    It includes the potential energy of mass from a bed.
-    """
+    """Stacked shares of the potential energy that the representative member has released; the dashed line is all of it."""
     ledger = ledgers[representative(members)]
-    time, released = ledger["time"], ledger["potential_energy"]
-    released = released[0] - released + ledger.get("entrained_energy", 0.0)
+    time, released = ledger["time"], released_energy(ledger)
     scale, prefix = energy_unit(float(np.abs(released).max()))
     most = 1.05 * max(float(released.max()) / scale, 1e-9)
     chart = Chart(TIME, f"energy [{prefix}]", (float(time[0]), float(time[-1])), (0.0, most))
@@ -58,10 +54,16 @@ def budget_chart(ledgers: Mapping[int, Ledger], members: "pd.DataFrame") -> Mark
     return chart.svg("Energy budget over time")
 
 
+def released_energy(ledger: Ledger) -> np.ndarray:
+    """Potential energy (time,) [J] that the mass has released so far, with that which entered later or from a bed."""
+    later = ledger.get("entered_energy", 0.0) + ledger.get("entrained_energy", 0.0)
+    released: np.ndarray = ledger["potential_energy"][0] - ledger["potential_energy"] + later
+    return released
+
+
 def energy_budget(ledger: Ledger) -> dict[str, np.ndarray]:
-    """Parts of :data:`BUDGET` in the ledger, each (time,) [J], relative to the first time; less the energy of mass that enters."""
-    entered = {"potential_energy": ledger["entered_energy"]} if "entered_energy" in ledger else {}
-    return {name: ledger[name] - entered.get(name, 0.0) - ledger[name][0] for name in BUDGET if name in ledger}
+    """Parts of :data:`BUDGET` in the ledger, each (time,) [J], relative to the first time."""
+    return {name: ledger[name] - ledger[name][0] for name in BUDGET if name in ledger}
 
 
 def kinetic_chart(ledgers: Mapping[int, Ledger], members: "pd.DataFrame") -> Markup:

@@ -131,7 +131,7 @@ def _drawn(maps: VectorMaps, shown: Iterable[sheets.Sheet]) -> Iterator[dict[str
 
 def _legend(study: Study) -> str:
     """Sentence that explains the lines on the maps."""
-    lines = ["a red line is the outline of a release"]
+    lines = ["a red line is the outline of a release" + (" or an inflow" if study.run.get("inflows") else "")]
     if any(mark.label[:1] in f"+{MINUS}" for mark in study.basemap.obstacles):
         lines.append("hatched areas are obstacles, with what they add to the ground")
     if study.loads:

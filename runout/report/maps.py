@@ -37,7 +37,7 @@ class Basemap:
     elevation : ndarray (rows, columns)
         Elevation [m], NaN where unknown.
     outlines : list of shapely geometries
-        Outlines of the releases in map coordinates.
+        Outlines of the releases, and lines and areas of the inflows, in map coordinates.
     obstacles, zones : list of Mark
         Obstacles and friction zones, with their labels.
     observed : list of Mark

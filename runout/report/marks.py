@@ -206,9 +206,9 @@ def _overlap(box: np.ndarray, other: np.ndarray) -> bool:
     return bool((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all())
 
 
-def _rings(polygons: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
-    """Coordinates of all rings."""
-    for polygon in polygons:
-        for part in getattr(polygon, "geoms", [polygon]):
-            for ring in [part.exterior, *part.interiors]:
+def _rings(shapes: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
+    """Coordinates of all rings of polygons, and of lines."""
+    for shape in shapes:
+        for part in getattr(shape, "geoms", [shape]):
+            for ring in [part.exterior, *part.interiors] if part.geom_type == "Polygon" else [part]:
                 yield ring.xy

@@ -38,7 +38,7 @@ FIGURES = {
 
 
 VOLUMES = {  # of members with an erodible bed
-    "released_volume": Column("Released", "m³", "volume of the release"),
+    "released_volume": Column("Released", "m³", "volume of the releases and inflows"),
     "eroded_volume": Column("Eroded", "m³", "volume of the bed that the flow took up"),
     "whole_deposit_volume": Column("Deposited", "m³", "volume of the deposit on the raster at the end"),
     "left_volume": Column("Left the site", "m³", "volume of the mass that left the elevation raster"),
@@ -51,11 +51,12 @@ Ledger = Mapping[str, np.ndarray]  # mass and energy, each (time,), by name
 
 
 def member_figures(
-    member: "MemberMaps | StackedMember", ledger: Ledger, reach: Reach, least: float | None = None
+    member: "MemberMaps | StackedMember", ledger: Ledger, reach: Reach, least: float | None = None, inflow: float = 0.0
 ) -> dict[str, float]:
     """Values of :data:`FIGURES` for one member in SI units; area in km², escaped share in percent.
 
     The flow reaches cells in which it is ``least`` [m] thick or more at any time; None: those with a time of arrival.
+    ``inflow`` [m3] is the volume of the inflows, which is part of no map.
     """
     thickness = QUANTITIES["thickness"].member_map
     decides = ARRIVAL if least is None else thickness
@@ -64,7 +65,7 @@ def member_figures(
     distance, angle = reach.runout(reached)
     deposit = np.nan_to_num(maps["deposit_thickness"][~reach.released])
     total = float(ledger["mass"][-1] + ledger["escaped_mass"][-1])
-    of_bed = _volumes(member, float(ledger["escaped_mass"][-1]) / total, reach) if CHANGE in member.held() else {}
+    of_bed = _volumes(member, float(ledger["escaped_mass"][-1]) / total, reach, inflow) if CHANGE in member.held() else {}
     return {
         "runout_distance": distance,
         "reach_angle_deg": math.degrees(angle),
@@ -77,7 +78,7 @@ def member_figures(
     }
 
 
-def _volumes(member: "MemberMaps | StackedMember", escaped: float, reach: Reach) -> dict[str, float]:
+def _volumes(member: "MemberMaps | StackedMember", escaped: float, reach: Reach, inflow: float) -> dict[str, float]:
     """Values of :data:`VOLUMES` [m3] for a member of which the share ``escaped`` [1] of all mass left the raster.
 
     The change of elevation is the deposit less release and eroded depth: so the release is what they leave.
@@ -86,7 +87,7 @@ def _volumes(member: "MemberMaps | StackedMember", escaped: float, reach: Reach)
         np.nan_to_num(member.within(name, reach.part)).astype(np.float64) * reach.cell_area
         for name in (ERODED, CHANGE, QUANTITIES[DEPOSIT].member_map)
     )
-    released = float((deposit - change - eroded).sum())
+    released = float((deposit - change - eroded).sum()) + inflow
     return {
         "released_volume": released,
         "eroded_volume": float(eroded.sum()),

@@ -22,6 +22,7 @@ from runout.report.wording import MINUS, number
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+STARTS = ("release", "inflow_lines", "inflow_areas")  # layers of outlines.gpkg
 OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
 SENSITIVITY = "sensitivity/sensitivity.json"  # of `runout sensitivity`
 PROBED = ("cross_sections", "probes")
@@ -91,13 +92,15 @@ def read_study(results: Path) -> Study:
     with netcdf.LOCK:
         hazard = netcdf.read(_required(results, "hazard.nc"))
         table = member_table(_required(results, "members.nc"))
-        figures, ledgers = _valid_members(results / "members.nc", table, hazard)
+        run = _provenance(_required(results, "run.json"))
+        inflow = sum(one["volume"] for one in run.get("inflows", []))
+        figures, ledgers = _valid_members(results / "members.nc", table, hazard, inflow)
     drawn = _required(results, "outlines.gpkg")
     basemap = Basemap(
         hazard["x"].values,
         hazard["y"].values,
         hazard["elevation"].values,
-        [feature["geometry"] for feature in features(drawn, "release")],
+        [feature["geometry"] for name in STARTS for feature in features(drawn, name)],
         [
             *(Mark(feature["geometry"], obstacle_label(feature)) for feature in features(drawn, "obstacles")),
             *(Mark(feature["geometry"], feature["name"]) for feature in features(drawn, "structures")),
@@ -113,7 +116,7 @@ def read_study(results: Path) -> Study:
         every,
         ledgers,
         basemap,
-        _provenance(_required(results, "run.json")),
+        run,
         require_error_bars(_provenance(error, "verify --convergence"), error) if error.is_file() else None,
         read_loads(Path(results) / "structures.nc", representative(valid)) if len(valid) else None,
         _probes(results),
@@ -142,18 +145,21 @@ def _required(results: Path, name: str) -> Path:
     return path
 
 
-def _valid_members(path: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, Ledger]]":
-    """Figures and ledgers of the valid members, from ``members.nc`` alone."""
+def _valid_members(
+    path: Path, table: "pd.DataFrame", hazard: "xr.Dataset", inflow: float
+) -> "tuple[pd.DataFrame, dict[int, Ledger]]":
+    """Figures and ledgers of the valid members, from ``members.nc`` and the volume of the ``inflow`` [m3] without factors."""
     import pandas as pd
 
     figures: dict[int, dict[str, float]] = {}
     ledgers: dict[int, Ledger] = {}
     reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].min())
+    factors = table["discharge_factor"].fillna(1.0) if "discharge_factor" in table else pd.Series(1.0, index=table.index)
     with MembersFile(path) as stack:
         for number in table.index[table["status"] == "valid"]:
             member = stack.member(number)
             ledgers[number] = member.ledger()
-            figures[number] = member_figures(member, ledgers[number], reach, least)
+            figures[number] = member_figures(member, ledgers[number], reach, least, inflow * factors[number])
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 

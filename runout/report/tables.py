@@ -14,7 +14,7 @@ from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
 from runout.model.depth_resolution import WORST, DepthResolution
 from runout.quantities import ALL_QUANTITIES, QUANTITIES
-from runout.report.figures import parameter_label
+from runout.report.figures import parameter_label, released_energy
 from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, area, number, percent, quantity, span, unit, volume
@@ -288,8 +288,7 @@ def energy_residual(ledger: Ledger) -> float:
     """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
-    potential = ledger["potential_energy"] - sum(ledger.get(name, 0.0) for name in ("entered_energy", "entrained_energy"))
-    released = float(potential[0] - potential.min())
+    released = float(released_energy(ledger).max())
     return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
 
 
@@ -379,7 +378,7 @@ def settings(resolved: dict[str, Any]) -> list[tuple[str, list[tuple[str, str]]]
             sections.append((_words(key), _lines(value)))
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             sections += [(f"{_words(key)} {i + 1}: {v.get('name', '')}".rstrip(": "), _lines(v)) for i, v in enumerate(value)]
-        elif value not in (None, ""):
+        elif value not in (None, "", []):
             scalars.append((_words(key), _value(key, value)))
     return [("General", scalars), *sections]
 

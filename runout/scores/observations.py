@@ -59,7 +59,7 @@ class Observations:
         """What was observed, in one sentence."""
         parts = []
         if self.outline is not None:
-            parts.append(f"outline of the {self.outline_shows}, {self.outline.area:.4g} m2")
+            parts.append(f"outline of the {self.outline_shows}, {float(f'{self.outline.area:.4g}'):.10g} m2")
         if self.deposit is not None:
             parts.append(f"deposit, {np.nansum(self.deposit) * self.grid.cell_area:.4g} m3{_unknown(self.deposit)}")
         if self.change is not None:

@@ -6,6 +6,9 @@ import pandas as pd
 import pytest
 
 from runout.hazard.reach import Reach, representative, representative_of
+from runout.report.figures import released_energy
+from runout.report.members import member_figures
+from runout.report.tables import energy_residual
 
 EASTING, NORTHING = np.arange(5.0, 100.0, 10.0), np.arange(190.0, 0.0, -20.0)  # cells of 10 m by 20 m
 PLANE = np.broadcast_to(NORTHING[:, None], (10, 10))  # falls 45 degrees to the south
@@ -40,6 +43,26 @@ def test_a_flow_that_stays_in_its_release_has_no_runout_and_no_angle():
     distance, angle = runout(cells((2, 2)), cells((2, 2), (2, 3)))
     assert distance == 0.0
     assert math.isnan(angle)
+
+
+def test_mass_of_an_inflow_releases_its_own_potential_energy():
+    ledger = {
+        "potential_energy": np.array([0.0, 70.0, 80.0]), "entered_energy": np.array([0.0, 80.0, 100.0]),
+        "entrained_energy": np.array([0.0, 0.0, 5.0]), "numerical_dissipation": np.array([0.0, 1.0, 5.0]),
+    }  # fmt: skip
+    assert released_energy(ledger).tolist() == [0.0, 10.0, 25.0]
+    assert energy_residual(ledger) == pytest.approx(0.2)
+
+
+def test_the_volume_of_an_inflow_is_released_and_leaves_the_site_with_the_rest():
+    maps = {"max_flow_thickness": 1.0, "max_speed": 2.0, "deposit_thickness": 0.9, "eroded_depth": 0.4, "elevation_change": 0.5}
+    member = SimpleNamespace(held=lambda: list(maps), within=lambda name, part: np.full((10, 10), maps[name])[part])
+    reach = Reach.on(cells((2, 2)), EASTING, NORTHING, PLANE)
+    ledger = {"mass": np.array([0.0, 60.0]), "escaped_mass": np.array([0.0, 20.0]), "time": np.array([0.0, 9.0])}
+    figures = member_figures(member, ledger, reach, least=0.1, inflow=1000.0)
+    assert figures["eroded_volume"] == pytest.approx(0.4 * 20_000.0)
+    assert figures["released_volume"] == pytest.approx(1000.0)
+    assert figures["left_volume"] == pytest.approx(0.25 * (1000.0 + 8000.0))
 
 
 def test_the_representative_member_has_the_median_runout():
