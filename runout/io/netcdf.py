@@ -80,6 +80,7 @@ class LibraryLock:
 
 
 LOCK = LibraryLock()
+ATTEMPTS = 4  # to write a file: in 1600 members on a GPU the library failed for four or more ("Attribute not found"), once twice
 
 
 def map_dataset(
@@ -159,13 +160,15 @@ def write(dataset: "xr.Dataset", path: str | os.PathLike[str], *, groups: "Mappi
     StorageError
         If the disk is full or the folder cannot be written; an older file stays as it is.
     """
-    try:
-        _write_whole(dataset, path, groups or {})
-    except StorageError as error:
-        if isinstance(error, DiskFullError) or not isinstance(error.__cause__, RuntimeError):
-            raise
-        LOGGER.info("%s: written again, since the netCDF library failed (%s)", path, error.__cause__)
-        _write_whole(dataset, path, groups or {})  # its error may have been a passing one
+    for attempt in range(1, ATTEMPTS + 1):
+        try:
+            _write_whole(dataset, path, groups or {})
+            break
+        except StorageError as error:
+            passing = isinstance(error.__cause__, RuntimeError) and not isinstance(error, DiskFullError)
+            if not passing or attempt == ATTEMPTS:
+                raise
+            LOGGER.info("%s: written again, since the netCDF library failed (%s)", path, error.__cause__)
     return Path(path)
 
 
