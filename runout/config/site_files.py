@@ -271,8 +271,9 @@ def sound_bodies(files: SiteFiles, spacing: tuple[float, float, float] | None) -
     Raises
     ------
     StructureError
-        With all problems: of files, placement, areas behind dams, thickness of walls, and overlaps with releases.
+        With all problems: of files, placement, areas behind dams, thickness of walls, and overlaps with releases and inflows.
     """
+    from runout.release.inlet import mass_at
     from runout.structures.read import Bodies, require_sound
 
     problems: list[str] = []
@@ -280,7 +281,8 @@ def sound_bodies(files: SiteFiles, spacing: tuple[float, float, float] | None) -
     try:
         bodies = files.bodies()
         if bodies.solids and spacing:
-            require_sound(bodies.solids, files.terrain(), spacing, files.releases().content)
+            entering = [mass_at(one) for one in files.inflows().content]
+            require_sound(bodies.solids, files.terrain(), spacing, files.releases().content, entering)
     except StructureError as error:
         problems += error.problems
     try:

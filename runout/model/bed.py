@@ -18,6 +18,7 @@ from runout.model.release import Release
 from runout.model.terrain import Terrain
 
 DOUBTED = 100.0  # depth [m] that is doubted: a hundred times what `runout new --process debris_flow` writes; no site is known to it
+UNITS = 300.0  # factor from a typical value at which a unit is doubted; 1000 is that of most prefixes
 EROSION_REMEDY = "give a law of erosion, for example runout.RammsErosion(rate=0.025)"
 
 
@@ -124,7 +125,7 @@ class Bed:
         lost = float((whole - left).sum() * terrain.cell_area)
         if lost > 0:
             sentences.append(f"{self.source}: {short(lost, 'm3')} of the bed lie in scars of excavated releases; they are left out")
-        sentences += self._depth_sentences(terrain, float(left.max()))
+        sentences += [*self._depth_sentences(terrain, float(left.max())), *self._unit_sentences()]
         dry = [release.name for release in releases if release.pore_pressure is None]
         if self.pore_pressure_ratio and dry:
             sentences.append(
@@ -140,6 +141,14 @@ class Bed:
                 f"use cell_size: {finer:g} or less, or more particles_per_cell, to resolve it"
             )
         return sentences
+
+    def _unit_sentences(self) -> Iterator[str]:
+        """Parameters of the law of erosion so far from their typical values that their unit is doubted."""
+        for known in EROSIONS.find(self.erosion.law).parameters:
+            value, typical, valid = getattr(self.erosion, known.name), known.typical, known.valid
+            if valid is not None and value > 0.0 and typical > 0.0 and not 1.0 / UNITS < value / typical < UNITS:
+                said = f"{known.key} is {value:g} {valid.unit}, {typical:g} is typical; check the unit"
+                yield f"{self.source}: erosion: {said}{': ' + valid.hint if valid.hint else ''}"
 
     def _depth_sentences(self, terrain: Terrain, deepest: float) -> Iterator[str]:
         """A depth [m] that no flow erodes: beyond :data:`DOUBTED`, or below the lowest place of the terrain."""

@@ -21,6 +21,7 @@ from runout.model.terrain import Terrain
 
 LARGEST_DISCHARGE, LARGEST_VELOCITY = 1e7, 200.0  # [m3/s], [m/s]
 SHOWN = 5  # problems of a series that a message lists
+SLOWEST = 0.05  # speed [m/s], 3 m a minute, from which a landslide is very rapid (Cruden & Varnes 1996), as debris flows are
 FALLS = 8  # places along a line at which the ground must fall on
 STRIP = 2.0  # cells of the terrain that the mass of a forecast covers along the flow
 
@@ -372,6 +373,11 @@ class Inflow:
             said.append(
                 f"{self.source}: inflow {self.name} is {self.peak_thickness() / spacing[2]:.2g} cells thick at the line "
                 f"({short(self.peak_thickness())} m at most); use a smaller cell_size to resolve it"
+            )
+        if self.line is not None and 0.0 < self.peak_speed() < SLOWEST:
+            said.append(
+                f"{self.source}: inflow {self.name} enters at {short(self.peak_speed(), 'm/s')} at most; debris flows are faster "
+                f"than {SLOWEST:g} m/s (very rapid, Cruden & Varnes 1996); check discharge, and thickness or velocity"
             )
         if self.line is not None and (along := self._fall_along()):
             said.append(

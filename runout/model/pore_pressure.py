@@ -1,5 +1,6 @@
 """Pore pressure of a released mass: ratio at the start, the one that stays, how it drains (:mod:`runout.physics.pore_pressure`)."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -310,6 +311,33 @@ class PorePressure:
             return [self.ratio.zone, np.asarray(zone_ratios, np.float64), np.array(ends), numbers]
         ratio = [self.ratio.low, self.ratio.high, self.ratio.block] if isinstance(self.ratio, RatioBlocks) else self.ratio
         return [np.asarray(ratio, np.float64), numbers]
+
+
+def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain, what: str) -> Iterator[str]:
+    """What is stated of the pore pressure of a mass with a ``thickness`` (rows, columns) [m], and cannot act.
+
+    Zones that hold none of it, blocks larger than it, and a pressure that is gone before gravity moves it by its thickness.
+    """
+    covered = thickness > 0.0
+    if isinstance(pore.ratio, RatioZones) and not (covered & (pore.ratio.zone >= 0)).any():
+        yield f"{what}: pore_pressure: no zone of the ratio lies on this mass; all of it has elsewhere, {pore.ratio.elsewhere:g}"
+    if isinstance(pore.ratio, RatioBlocks) and covered.any():
+        sides = [np.ptp(np.nonzero(covered)[axis]) + 1 for axis in (0, 1)]
+        extent = max(side * size for side, size in zip(sides, terrain.cell_size[::-1], strict=True))
+        if pore.ratio.block >= extent:
+            yield (
+                f"{what}: pore_pressure: ratio: block is {pore.ratio.block:g} m, the mass {extent:.4g} m: one or few ratios are "
+                "drawn for all of it; state smaller blocks"
+            )
+    deepest = float(thickness.max(initial=0.0))
+    drained = pore.decay_time if pore.decay_time is not None else deepest**2 / (pore.diffusivity or math.inf)
+    falling = math.sqrt(2.0 * deepest / 9.81)
+    if 0.0 < drained < 0.1 * falling:
+        key = "decay_time" if pore.decay_time is not None else "diffusivity"
+        yield (
+            f"{what}: pore_pressure: {key} drains the mass within {drained:.2g} s, before it moves (a fall by its thickness of "
+            f"{deepest:.3g} m takes {falling:.2g} s); the ratio has no effect; check the unit"
+        )
 
 
 def _checked_ratio(ratio: Any) -> Any:

@@ -176,14 +176,15 @@ def _way_to(start: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np
     return np.where(hit, way, np.inf)
 
 
-def release_overlaps(solids: Sequence[Solid], releases: Sequence[Release]) -> list[str]:
-    """Structures in the mass of a release."""
+def release_overlaps(solids: Sequence[Solid], releases: Sequence[Release], inflows: Sequence[Release] = ()) -> list[str]:
+    """Structures in the mass of a release, or in that which stands for an inflow at its line."""
+    masses = [*(("release", release) for release in releases), *(("inflow", inflow) for inflow in inflows)]
     return [
-        f"{solid.place}: the structure {solid.name!r} overlaps release {release.name} on {count} cells, "
-        f"{_map_place(solid.box.mean(0), release.terrain)}; move one of them, or cut the release back"
+        f"{solid.place}: the structure {solid.name!r} overlaps {kind} {mass.name} on {count} cells, "
+        f"{_map_place(solid.box.mean(0), mass.terrain)}; move one of them, or cut the {kind} back"
         for solid in solids
-        for release in releases
-        if (count := _shared_cells(solid, release))
+        for kind, mass in masses
+        if (count := _shared_cells(solid, mass))
     ]
 
 

@@ -58,10 +58,11 @@ def require_readable(source: StructureSource) -> None:
 
 
 def require_sound(
-    solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float], releases: Sequence[Release] = ()
-) -> None:
-    """Raise StructureError with all walls that are too thin for a grid, and all structures in a release."""
-    problems = thin_walls(solids, terrain, spacing) + release_overlaps(solids, releases)
+    solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float], releases: Sequence[Release] = (),
+    inflows: Sequence[Release] = (),
+) -> None:  # fmt: skip
+    """Raise StructureError with all walls that are too thin for a grid, and all structures in a release, or where mass enters."""
+    problems = thin_walls(solids, terrain, spacing) + release_overlaps(solids, releases, inflows)
     if problems:
         raise StructureError(problems)
 

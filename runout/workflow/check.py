@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.config.structures import StructureSettings
     from runout.forecast.stiffness import Stiffness
+    from runout.model.bed import Bed
     from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
     from runout.model.release import Release
@@ -42,6 +43,7 @@ class Findings:
     releases: "list[Release]" = field(default_factory=list)
     masses: "list[Release]" = field(default_factory=list)  # releases, and those of inflows at their lines
     zones: "FrictionZones | None" = None
+    bed: "Bed | None" = None
     stiffness: "list[Stiffness]" = field(default_factory=list)  # of the site as stated, then of each member
     resolution: "DepthResolution | None" = None  # forecast, of the member that is resolved least
 
@@ -199,6 +201,7 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
 def _read_inflows(findings: Findings, site: "Site") -> None:
     """Read the inflows, and note the problems of each. Forecasts see the masses at their lines beside those of the releases."""
     from runout.config.member_arguments import sampled_inflows
+    from runout.model.pore_pressure import unused
     from runout.release.inlet import mass_at
 
     reading = site.files.inflows()
@@ -209,6 +212,9 @@ def _read_inflows(findings: Findings, site: "Site") -> None:
     findings.masses += [*findings.releases, *map(mass_at, inflows)]
     pores = {mass.name: mass.pore_pressure for mass in findings.masses if mass.pore_pressure}
     findings.warnings += [f"{name}: pore_pressure: {change}" for name, pore in pores.items() for change in pore.changes]
+    for mass in findings.masses:
+        if mass.pore_pressure:
+            findings.warnings += unused(mass.pore_pressure, mass.thickness, mass.terrain, mass.name)
 
 
 def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, float, float]) -> None:
@@ -269,6 +275,7 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
         return
     if bed is None or findings.site is None or not findings.masses:
         return
+    findings.bed = bed
     size = grid_spacing(site.settings, findings.masses)
     stated: Any = site.settings.simulation.particles_per_cell
     count: Any = default_particles(site.settings, site.data(), size) if stated is None else stated
@@ -450,6 +457,8 @@ def _inspect_reach(findings: Findings, site: "Site", terrain: "Terrain") -> None
     reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, findings.masses, findings.zones))
     findings.notes += open_edge.note(terrain)
     _inspect_relief(findings, site, terrain, reach)
+    if (bed := findings.bed) is not None and not (bed.depth_on(terrain, findings.releases) * reach).any():
+        findings.warnings.append(f"{bed.source}: none of the bed lies where the mass can come (energy line); nothing is eroded")
     cells = open_edge.open_cells(terrain, reach)
     if cells.any():
         findings.warnings.append(open_edge.statement(terrain, cells))

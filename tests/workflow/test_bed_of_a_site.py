@@ -138,6 +138,34 @@ def test_check_doubts_a_bed_deeper_than_any_and_than_the_relief(tmp_path):
     assert not said(80.0)
 
 
+@pytest.mark.parametrize(
+    ("bed", "words"),
+    [
+        ("ramms, critical_stress: 1", r"erosion: critical_stress is 1 Pa, 1000 is typical; check the unit"),
+        (
+            "ramms, depth_per_stress: 0.1",
+            r"depth_per_stress is 0.1 m/Pa, 0.0001 is typical; check the unit: 0.1 m per kPa",
+        ),
+        ("ramms, depth_per_stress: 1.0e-12", r"depth_per_stress is 1e-12 m/Pa"),
+        ("energy, specific_energy: 1.0e-3", r"specific_energy is 0.001 J/kg, 5000 is typical; check the unit"),
+    ],
+)
+def test_check_doubts_the_unit_of_a_parameter_of_erosion(tmp_path, bed, words):
+    text = SITE.replace("simulation:", f"bed: {{depth: 1.2, erosion: {{law: {bed}}}}}\nsimulation:")
+    assert any(re.search(words, warning) for warning in inspect(write_site(tmp_path / "site", text)).warnings)
+
+
+def test_check_names_a_bed_that_the_mass_cannot_reach(tmp_path):
+    """Behind the release, where no energy line leads; below it the same bed is not named."""
+    depth, said = np.zeros((ROWS, COLUMNS)), "none of the bed lies where the mass can come"
+    for name, columns, doubted in (("behind", slice(0, 2), True), ("below", slice(20, 22), False)):
+        depth[:] = 0.0
+        depth[:3, columns] = 2.0
+        folder = write_site(tmp_path / name, WITH_BED.replace("depth: 1.2", "depth: inputs/bed.tif"))
+        write_raster(folder / "inputs" / "bed.tif", depth)
+        assert any(said in warning for warning in inspect(folder).warnings) == doubted
+
+
 def test_check_counts_cells_without_a_depth_and_names_a_wide_range_of_the_ratio(tmp_path):
     sampled = "    bed_pore_pressure_ratio: {distribution: uniform, low: 0.3, high: HIGH}\nhazard:"
     text = WITH_BED.replace("depth: 1.2", "depth: inputs/bed.tif").replace("hazard:", sampled)

@@ -6,6 +6,7 @@ import re
 import geopandas as gpd
 import numpy as np
 import pytest
+import shapely
 import xarray as xr
 from ramp_site import NORTH, SITE, WEST, write_site
 
@@ -219,3 +220,16 @@ def test_the_member_with_the_largest_discharge_is_forecast(tmp_path):
     factor = max(member.parameters["discharge_factor"] for member in plan_members(sampled))
     assert stated == pytest.approx(VOLUME / 10.0**3 * 8, abs=1)
     assert particle_count(sampled) == pytest.approx(factor * stated, abs=1)
+
+
+def test_check_refuses_a_structure_where_mass_enters_and_doubts_a_flow_that_creeps(tmp_path):
+    house = "structures:\n  - {file: inputs/house.gpkg, height: 5}\nsimulation:"
+    folder = site_of(tmp_path / "house", ALONE.replace("simulation:", house))
+    walls = shapely.box(X - 30, Y - 40, X + 30, Y + 40)
+    gpd.GeoDataFrame({"name": ["house"]}, geometry=[walls], crs="EPSG:32632").to_file(folder / "inputs" / "house.gpkg")
+    (said,) = [problem for problem in inspect(folder).problems if "overlaps" in problem]
+    assert re.search(
+        r"the structure 'house' overlaps inflow gauge on \d+ cells, .*; move one of them, or cut the inflow back", said
+    )
+    creeping = inspect(site_of(tmp_path / "slow", series="time,discharge\n0,5\n9,5\n")).warnings
+    assert any("inflow gauge enters at 0.01389 m/s at most; debris flows are faster than 0.05 m/s" in one for one in creeping)

@@ -315,3 +315,28 @@ def test_a_wet_mass_runs_farther_and_a_drained_one_hardly():
         reached.append(float(result.particles.easting.mean()))
     assert reached[2] > reached[1] + 10.0
     assert reached[1] - reached[0] < 0.25 * (reached[2] - reached[0])
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ("{ratio: 0.9, decay_time: 1.0e-6}", r"decay_time drains the mass within 1e-06 s, before it moves .* 8 m takes 1.3 s"),
+        ("{ratio: {low: 0.1, high: 0.4, block: 900}, decay_time: 20}", r"block is 900 m, the mass 60 m: one or few ratios"),
+        (
+            "{ratio: {polygons: inputs/p.geojson, ratio: 0.8, elsewhere: 0.3}, decay_time: 20}",
+            r"no zone of the ratio lies on this mass; all of it has elsewhere, 0.3",
+        ),
+    ],
+)
+def test_check_names_pore_pressure_that_cannot_act(tmp_path, stated, words):
+    folder = write_site(tmp_path / "site", with_pores(stated))
+    x, y = WEST + 40 * CELL, NORTH - 3 * CELL
+    ring = [[x, y], [x + 40, y], [x + 40, y - 40], [x, y - 40], [x, y]]
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}}
+    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    (folder / "inputs" / "p.geojson").write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]}))
+    assert any(re.match(rf"slab: pore_pressure: .*{words}", warning) for warning in inspect(folder).warnings)
+
+
+def test_check_is_silent_on_blocks_within_the_mass(tmp_path):
+    assert not any("drains the mass" in w or "one or few" in w for w in inspect(write_site(tmp_path / "site", BLOCKS)).warnings)
