@@ -5,11 +5,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
-from runout.commands.options import Changes, Device, Injected, SiteArgument, Threads, Workers, command
+from runout.commands.options import Changes, Device, Injected, SiteArgument, Threads, command
 from runout.errors import ExitCode
 
 LOGGER = logging.getLogger(__name__)
+Sources = Annotated[
+    int | None,
+    Parameter(
+        name="--workers",
+        validator=Number(gte=1),
+        help="Sources that run at once [default: one per core, or four per GPU, if memory holds them].",
+    ),
+]
 
 
 @command(writes=False)
@@ -20,7 +29,7 @@ def regional(
         str | None, Parameter(help="Attribute of the polygons that holds the annual rate of each source.")
     ] = None,
     sites_only: Annotated[bool, Parameter(negative="", help="Write the sites of the sources, and run nothing.")] = False,
-    workers: Workers = None,
+    workers: Sources = None,
     threads: Threads = None,
     device: Device = None,
     changes: Changes = (),

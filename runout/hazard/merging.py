@@ -356,7 +356,7 @@ def _write(merged: "xr.Dataset", sources: Mapping[str, Path], grid: Grid, path: 
 def _probabilities(sources: Mapping[str, Path], grid: Grid) -> Iterator[np.ndarray]:
     """Probability of inundation (rows, columns) by each source; 0 beyond its site."""
     for path in sources.values():
-        maps = read_product(path)
+        maps = netcdf.read(path, names=("elevation", PROBABILITY))  # the others were read before
         place, take = grid.placed(Grid.of(maps))
         values = np.zeros(grid.shape, np.float32)
         values[place] = np.nan_to_num(take(maps[PROBABILITY].values))

@@ -7,7 +7,7 @@ import gc
 import logging
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -220,15 +220,19 @@ def _write_maps(maps: "Mapping[str, xr.DataArray]", path: Path) -> None:
                 put(layers, array.values[index], index)
 
 
-def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
+def read(path: str | os.PathLike[str], group: str | None = None, names: Sequence[str] = ()) -> "xr.Dataset":
     """Dataset of a file or of one of its groups, loaded; missing values are NaN, times are numbers.
 
-    Raises StorageError if there is no such file or group, or it is not NetCDF.
+    With ``names`` it holds nothing but these variables and their coordinates.
+
+    Raises StorageError if there is no such file, group or variable, or it is not NetCDF.
     """
     import xarray as xr
 
     with reading(path, f"group {group} " if group else ""):
-        return crs_as_variable(xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_times=False))
+        with xr.open_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_times=False) as file:
+            dataset = (file[list(names)] if names else file).load()
+        return crs_as_variable(dataset)
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:

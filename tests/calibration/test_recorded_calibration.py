@@ -59,3 +59,17 @@ def test_the_guide_states_what_the_outline_of_com1dfa_gives():
     assert f"correlation {area['correlation'][0][1]:.2f}" in guide
     across, along = area["principal_axes"]["standard_deviation_over_prior"]
     assert f"{100 * across:.0f} % of the prior's deviation, that along it to {100 * along:.0f} %" in guide
+
+
+def test_intervals_of_simulated_events_cover_nine_of_ten_truths_and_the_guide_states_it():
+    record = json.loads((RECORDS / "calibration_coverage.json").read_text(encoding="utf-8"))
+    rows, guide = record["calibrations"], " ".join((ROOT / "docs" / "guide" / "calibration.md").read_text(encoding="utf-8").split())
+    assert len(rows) == record["events"] == 19
+    covered = [sum(row["drawn"][k] for row in rows) / len(rows) for k in range(3)]
+    assert covered == pytest.approx(record["covered_of_drawn"], abs=1e-3)
+    assert all(0.85 < share < 0.95 for share in covered)
+    a, b, c = (f"{100 * share:.0f} %" for share in covered)
+    assert f"the friction in {a} of the calibrations, the internal friction in {b} and the volume factor in {c}" in guide
+    first, second, third = record["covered_by_chain"]
+    assert [first, second, third] == [sum(row["chain"][k] for row in rows) for k in range(3)]
+    assert f"in {first}, {second} and {third} of {record['events']}" in guide
