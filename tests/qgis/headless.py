@@ -5,6 +5,7 @@ The Python of QGIS runs this: ``python3 headless.py ZIP FOLDER COMMAND``; FOLDER
 
 import json
 import os
+import shutil
 import sys
 import threading
 import time
@@ -109,6 +110,16 @@ def edited(site, **changes):
     path.write_text("\n".join(lines), encoding="utf-8")
 
 
+def observe(site):
+    """State the outline of the release as the mapped deposit of an event, and members enough to be calibrated."""
+    shutil.copy(Path(site) / "inputs" / "release.gpkg", Path(site) / "inputs" / "mapped.gpkg")
+    edited(site, members="16", cell_size="12.5")
+    path = Path(site) / "site.yaml"
+    lines = path.read_text(encoding="utf-8").split("\n")
+    lines = [line for line in lines if not line.strip().startswith(("basal_xi: {", "density: {"))]  # one parameter is left
+    path.write_text("\n".join([*lines, "observations: {outline: {polygons: inputs/mapped.gpkg}}", ""]), encoding="utf-8")
+
+
 def cancelled(site):
     """What a run gives that is cancelled at its first member, how long that took, and the processes that are left."""
     feedback = Feedback()
@@ -195,5 +206,8 @@ tried = {"VALUES": "basal_mu=0.1,0.2", "CELL_SIZE": 12.5, "FOLDER": str(FOLDER /
 say("swept", call("what_if", SITE=str(site), **tried))
 core.QgsProject.instance().clear()
 say("open", call("open_results", SITE=str(site)))
+observe(site)
+say("observed", call("run", SITE=str(site), OPEN=False))
+say("calibrated", call("calibrate", SITE=str(site), ERROR="outline.area=20%", ROUNDS=1, POINTS=2))
 sys.stdout.flush()
 os._exit(0)  # QGIS may crash when the interpreter frees its objects

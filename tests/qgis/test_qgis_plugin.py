@@ -202,6 +202,15 @@ def test_calibration_of_a_site_without_observations_says_what_is_missing(answers
     assert "observations" in answers["calibrate"]["error"]
 
 
+def test_calibration_runs_whole_and_writes_the_posterior(answers):
+    calibrated = answers["calibrated"]
+    folder = Path(calibrated["outputs"]["RESULTS"])
+    record = json.loads((folder / "calibration.json").read_text())
+    assert "round 1 of 1" in calibrated["outputs"]["TEXT"]
+    assert record
+    assert len((folder / "posterior.csv").read_text().splitlines()) > 2, "a head and members"
+
+
 def test_what_if_passes_values_and_options_in_the_order_of_the_command(answers):
     words = [line.removeprefix("word ") for line in answers["what_if"]["outputs"]["TEXT"].splitlines()]
     site, page = str(answers["folder"] / "ramp site"), str(answers["folder"] / "if")
