@@ -13,6 +13,7 @@ from docs.pages import (
     commands,
     error_bars,
     error_factors,
+    flume,
     frank_slide,
     gpu,
     iseesnow,
@@ -40,6 +41,7 @@ VALIDATION: dict[str, Page] = {
     "cascades_2021_fit": cascades_2021_fit.page,
     "maipo": maipo.page,
     "avakot": avakot.page,
+    "flume": flume.page,
     "columns": columns.page,
 }
 PAGES: dict[str, tuple[str, Page]] = {  # by record: the folder below docs, and the writer

@@ -21,6 +21,7 @@ GENERATED = {
     "validation/cascades_2021.md",
     "validation/columns.md",
     "validation/coulomb_only.md",
+    "validation/flume.md",
     "validation/frank_slide.md",
     "validation/idealized_topo.md",
 }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from runout.scores import Thalweg
-from runout.studies.validation_cases import cascades_2021_fit, maipo
+from runout.studies.validation_cases import cascades_2021_fit, flume, maipo
 
 
 def test_the_choice_for_a_flow_does_not_see_it():
@@ -67,3 +67,35 @@ def test_a_wet_member_of_cascades_erodes_its_bed(results):
     (row,) = results("cascades_2021_fit")["members"]
     assert row["entrained_volume"] > 2000.0
     assert row["csi"] > 0.25
+
+
+def test_the_bed_of_the_flume_falls_by_31_deg_and_ends_on_a_pad_of_2_5_deg():
+    s, x, z, slope = flume.bed()
+    at = np.interp([0.0, 60.0, 78.0, 100.0, 120.0], s, np.arange(len(s))).astype(int)
+    assert z[at[1]] - z[at[0]] == pytest.approx(-60.0 * np.sin(np.radians(31.0)), rel=1e-6)
+    assert x[at[1]] - x[at[0]] == pytest.approx(60.0 * np.cos(np.radians(31.0)), rel=1e-6)
+    assert (z[at[3]] - z[at[4]]) / (x[at[4]] - x[at[3]]) == pytest.approx(np.tan(np.radians(2.5)), rel=1e-6)
+    turn = 10.0 * np.radians(28.5)
+    assert slope[np.searchsorted(s, 78.0 + turn / 2)] == pytest.approx(np.radians(31.0 - 28.5 / 2), abs=2e-3)
+
+
+def test_a_side_wall_is_a_closed_body_with_its_surface_outside():
+    import trimesh
+
+    wall = flume.side_wall(np.array([0.0, 10.0, 15.0]), np.array([0.0, -6.0, -7.0]), 2.0, 2.6, "wall")
+    body = trimesh.Trimesh(wall.vertices, wall.faces, process=False)
+    assert body.is_watertight
+    assert body.volume == pytest.approx(15.0 * 0.6 * (flume.WALL_HEIGHT + 0.5))
+
+
+def test_a_wet_mass_runs_down_the_flume_and_stops_on_its_pad(results):
+    """Cells of 0.4 m, nothing fitted; the tests: 3.9 and 4.1 s at 31.7 m, 10 and 11 s at 80 m, front about 112 m."""
+    found = results("flume")
+    (run,), observed = found["runs"], found["observed"]["2017-05-25"]
+    near, far = found["gauges"].index(31.7), found["gauges"].index(80.0)
+    assert run["arrival"][near] == pytest.approx(observed["arrival"][near], rel=0.15)
+    assert 6.0 < run["arrival"][far] < observed["arrival"][far]
+    assert 0.05 < run["peak"][near] < observed["peak"][near]
+    assert run["stop"] == "at rest"
+    assert run["deposit"]["volume"] == pytest.approx(9.9, rel=0.01)
+    assert 100.0 < run["deposit"]["front"] < 120.0
