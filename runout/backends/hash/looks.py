@@ -14,8 +14,9 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.hash.account import Account
+from runout.backends.hash.columns import LaunchedColumns
 from runout.backends.hash.parts import Parts
-from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of
+from runout.backends.hash.readback import Report, bounds_of
 from runout.backends.protocol import RasterSums
 
 MARGIN = 8  # grid cells around the mass
@@ -34,19 +35,19 @@ class Looks:
     """
 
     def __init__(self, scenes: int):
-        self.bounds: list[Bounds | None] = [None] * scenes
+        self.windows: list[footprints.Lattice | None] = [None] * scenes
         self.travelled = np.full(scenes, np.inf)  # [cells] at most, since then
         self.made = np.zeros(scenes, np.int64)
         self.substeps = np.ones(scenes, np.int64)
         self.wanted: Mapping[int, Sequence[int]] = {}
         self.take: Take | None = None
         self.begun = self.made.copy()
-        self.launched: list[LaunchedSums] = []
+        self.launched: list[LaunchedColumns] = []
 
     def begin(self, wanted: Mapping[int, Sequence[int]], take: Take | None, substeps: np.ndarray) -> None:
         """Open a series of transfers; ``take`` gets scene, transfer and columns after the ``wanted`` ones, from 1 on.
 
-        The columns are valid until it returns: the next ones may take their memory.
+        The columns and their boxes are valid until it returns: the next ones may take their memory.
         """
         self.wanted, self.take, self.begun, self.substeps = wanted, take, self.made.copy(), substeps
 
@@ -59,19 +60,20 @@ class Looks:
             scene = parts.scenes.scenes[s]
             reach = (accounts[s].max_speed + np.linalg.norm(scene.gravity) * time) * time / min(scene.spacing[:2])
             if self.wanted.get(s) and self.travelled[s] + reach > MARGIN:
-                self.bounds[s], self.travelled[s] = bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))), 0.0
+                bounds, self.travelled[s] = bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))), 0.0
+                self.windows[s] = footprints.Lattice.around(scene, *bounds) if bounds else None
             self.travelled[s] += reach
 
     def launch(self, parts: Parts, accounts: Sequence[Account], step: int, left: np.ndarray) -> None:
         """Launch the sums that are wanted after this transfer, ``step`` of a batch, before which ``left`` (scenes,) were."""
         done, windows = (self.made - self.begun) // self.substeps, {}
         for s, steps in self.wanted.items():
-            bounds = self.bounds[s]
-            if left[s] >= step and done[s] + step in steps and bounds is not None:
-                windows[s] = footprints.Lattice.around(parts.scenes.scenes[s], *bounds)
+            window = self.windows[s]
+            if window and left[s] >= step and done[s] + step in steps:
+                windows[s] = window
         if windows:
             made = {s: int(self.made[s] + step * self.substeps[s]) for s in windows}
-            self.launched.append(LaunchedSums(parts, accounts, windows, made))
+            self.launched.append(parts.columns.launch(parts, accounts, windows, made))
 
     def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
         """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""
