@@ -146,6 +146,17 @@ def placed(
     return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], inside)
 
 
+def with_mass(found: RasterSums) -> RasterSums:
+    """The same columns over the part of their window that has mass: a window for moving mass has margins."""
+    rows, columns = (np.flatnonzero(found.mass.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return found
+    south, west = int(rows[0]), int(columns[0])
+    part = slice(south, int(rows[-1]) + 1), slice(west, int(columns[-1]) + 1)
+    lanes = found.volume[part], found.mass[part], found.momentum[part]
+    return RasterSums(*lanes, found.row + south, found.column + west, found.depth_volume[part], found.boxes)
+
+
 def around_nodes(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> NodeSums:
     """Sums around the nodes of the grid, from those of :func:`spread`: a node has the two cells on either side along each axis."""
     row, column, values = _inside(sums, lattice.first, lattice_shape(raster, lattice.cell))
@@ -182,8 +193,7 @@ def shared_by_area(
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
     along = [np.ascontiguousarray(values[::-1]) for values in along]  # rows of the raster are from the north
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    for lane, shared in zip(sums, found, strict=True):
-        loop("share", lane.size, np.ascontiguousarray(lane), *along, *across, shared)
+    loop("share", rows * columns, np.stack(sums), *along, *across, found)
     return raster.rows - south - found.shape[1], column, found
 
 

@@ -209,26 +209,28 @@ def sum_around_nodes(cells: Any, west: int, south: int, density: float, nodes: A
 
 
 def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, shared: Any):
-    """Bring ``sums`` (rows, columns) of a lattice to the cells of a raster, ``shared`` (rows, columns).
+    """Bring ``sums`` (lanes, rows, columns) of a lattice to the cells of a raster, ``shared`` (lanes, rows, columns).
 
     ``row`` (rows,) is the first row of the lattice under each row of the raster and ``row_part`` (rows, n) its parts that lie in
     it; ``column`` and ``column_part`` likewise.
     """
-    count, parts, one = sums.shape[1], column_part.shape[1], np.uint64(1)
-    for i in prange(shared.shape[0]):
-        across = np.zeros(count + 2 * parts)  # nothing beyond the ends
-        for a in range(row_part.shape[1]):
-            part = row_part[i, a]
-            if part > 0.0:
-                for j in range(count):
-                    across[parts + j] += part * sums[row[i] + a, j]
-        for j in range(shared.shape[1]):
-            at = np.uint64(parts + column[j])
-            total = 0.0
-            for a in range(parts):
-                total += column_part[j, a] * across[at]
-                at += one
-            shared[i, j] = total
+    count, parts, one = sums.shape[2], column_part.shape[1], np.uint64(1)
+    for i in prange(shared.shape[1]):
+        across = np.empty(count + 2 * parts)
+        for lane in range(sums.shape[0]):
+            across[:] = 0.0  # nothing beyond the ends
+            for a in range(row_part.shape[1]):
+                part = row_part[i, a]
+                if part > 0.0:
+                    for j in range(count):
+                        across[parts + j] += part * sums[lane, row[i] + a, j]
+            for j in range(shared.shape[2]):
+                at = np.uint64(parts + column[j])
+                total = 0.0
+                for a in range(parts):
+                    total += column_part[j, a] * across[at]
+                    at += one
+                shared[lane, i, j] = total
 
 
 def take_peaks(

@@ -222,3 +222,20 @@ def test_loop_over_a_small_window_starts_no_threads(monkeypatch, cells, threads)
         assert (seen, numba.get_num_threads()) == ([threads], 2)
     finally:
         numba.set_num_threads(before)
+
+
+def test_columns_over_the_part_with_mass_are_the_same_on_the_raster_bit_by_bit():
+    rng, raster = np.random.default_rng(4), Raster(30, 40, (10.0, 10.0))
+    total = np.zeros((6, 24, 30))
+    total[:, 7:15, 9:21] = rng.random((6, 8, 12))
+    window = footprints.Lattice((6, 8), (30, 24), (7.0, 7.0))
+    wide = footprints.placed(total, lambda: total[:5], window, raster)
+    narrow = footprints.with_mass(wide)
+    assert narrow.mass.shape == (8, 12)
+    assert (narrow.row, narrow.column) == (wide.row + 7, wide.column + 9)
+    one, other = (footprints.on_whole(footprints.on_raster(c, raster, window.cell), raster) for c in (wide, narrow))
+    assert one.mass.sum() == pytest.approx(total[4].sum())
+    for name in ("volume", "mass", "momentum", "depth_volume"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    empty = footprints.placed(np.zeros((6, 24, 30)), lambda: total[:5], window, raster)
+    assert footprints.with_mass(empty) is empty

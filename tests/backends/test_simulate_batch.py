@@ -164,7 +164,7 @@ def test_scenarios_that_together_cannot_be_addressed_run_in_several_launches(mon
     monkeypatch.setattr(limits, "LARGEST_INDEX", 8 * 2 * particles)
     monkeypatch.setattr(limits, "largest_blocks", lambda *of: 2**20)
     monkeypatch.setattr(limits, "SLOT", 1)
-    monkeypatch.setattr("runout.backends.hash.readback.require_index", lambda count, what: None)
+    monkeypatch.setattr("runout.backends.hash.columns.require_index", lambda count, what: None)
     found = dict(simulate_batch(short, device=HASH_DEVICE))
     assert sizes == [[particles] * 4, [particles] * 2, [particles] * 2]
     assert all(result.n_particles == particles for result in found.values())

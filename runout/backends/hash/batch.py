@@ -5,7 +5,7 @@ so that one index serves all; and its own terrain, materials, friction, time ste
 """
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -15,6 +15,7 @@ import warp as wp
 from runout.backends import footprints
 from runout.backends.hash import addition, readback, sort, step
 from runout.backends.hash.account import Account
+from runout.backends.hash.columns import ColumnSums
 from runout.backends.hash.device_status import DeviceStatus, Snapshot
 from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
@@ -77,7 +78,7 @@ class Batch:
             structured=any(map(structured, given)), substepped=any(s.substeps > 1 for s in given),
             wet=any(s.is_wet for s in given),
         )  # fmt: skip
-        self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
+        self.graphs = Graphs(self.device, kernels.modules)
         self.present = np.ones(len(scenes), bool)
         self.since_sort, self.looks = 0, Looks(len(scenes))
         self.sorting: Snapshot | None = None  # behind a sort of which the host does not know yet
@@ -116,7 +117,8 @@ class Batch:
         index = Index(kernels, status, store.n, self.deterministic, largest, len(accounts), scenes.rows, store.size)
         ground = ground_of(scenes, loaded.largest_radius)
         structures = structures_of(scenes, kernels, accounts, len(store.forces), loaded.largest_radius)
-        return Parts(kernels, self.deterministic, scenes, status, ground, store, index, structures)
+        columns = ColumnSums(len(accounts))
+        return Parts(kernels, self.deterministic, scenes, status, ground, store, index, structures, columns, self.graphs)
 
     def _place(self, nodes: wp.array) -> None:
         """Find the blocks of the particles from their first nodes (n, 3), and bring these into the order of the cells."""
@@ -135,16 +137,16 @@ class Batch:
         self.counters.rebuilds += 1
         self.since_sort = 0
         self.parts.store.forget_joined()
-        self._launch((self.parts.store.turn, -1), lambda: sort.enqueue_again(self.parts, self.report), SORTS_BEFORE)
+        self.parts.launch((self.parts.store.turn, -1), lambda: sort.enqueue_again(self.parts, self.report), SORTS_BEFORE)
         self.parts.store.turn_over()
         self.sorting = self.parts.status.snapshot()
 
     def _settle(self) -> bool:
         """Let the host know of the last sort, once it is done; returns whether the arrays had room for it at once."""
-        found, generation = self.sorting, self._generation()
+        found, generation = self.sorting, self.parts.generation
         self.sorting = None
         sort.settle(self.parts, lambda: sort.present(self.parts), found)
-        return generation == self._generation()
+        return generation == self.parts.generation
 
     def _finish_sort(self) -> None:
         """Let the host know of the last sort if it does not yet."""
@@ -189,12 +191,17 @@ class Batch:
         self._rebuild()
         self.parts.store.taken_up = True
 
+    def _finish_joining(self) -> None:
+        """Let the host know of the last sort if particles have joined in it: there may be too little room for their blocks."""
+        if self.parts.store.taken_up:
+            self._finish_sort()
+
     @contextmanager
     def _at_rest(self) -> Iterator[None]:
-        """Scope of the device in which all particles have joined and the host knows of the last sort."""
+        """Scope of the device in which all particles have joined."""
         with self._on_device():
             self._take_up()
-            self._finish_sort()
+            self._finish_joining()
             yield
 
     def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:
@@ -243,7 +250,7 @@ class Batch:
         lengths = np.asarray(dt, float) * each * np.asarray(count)
         with self._on_device():
             self._take_up()
-            self.looks.find_mass(self.parts, self.report, self.accounts, lengths, self._finish_sort)
+            self.looks.find_mass(self.parts, self.report, self.accounts, lengths, self._finish_joining)
         self.report.forget()
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
@@ -319,7 +326,7 @@ class Batch:
         substeps = int(parts.scenes.substeps[left > 0].max())
         for k in range(count):
             name = parts.store.turn, parts.index.launched, substeps
-            self._launch(name, lambda: step.enqueue(parts, substeps), int(count == 1))
+            self.parts.launch(name, lambda: step.enqueue(parts, substeps), int(count == 1))
             self.looks.launch(parts, self.accounts, k + 1, left)
         ready = not self.sorting or self._settle()
         found, ahead = parts.status.snapshot(), ready and left.max() > count
@@ -378,15 +385,6 @@ class Batch:
             parts.status.peaks.assign(peaks)
             gone = wp.array((~self.present).astype(np.int32), dtype=wp.int32)
             run(parts.k.leave, parts.store.n, parts.store.group, parts.index.block_group, gone)
-
-    def _launch(self, name: tuple[int, ...], enqueue: Callable[[], None], before: int) -> None:
-        """Launches, on a GPU as a graph once they have come ``before`` times."""
-        self.graphs.launch(name, self._generation(), enqueue, before)
-
-    def _generation(self) -> tuple[int, int, int]:
-        """Counts how often arrays by block were made anew."""
-        structures = self.parts.structures
-        return self.parts.index.generation, self.parts.nodes.generation, structures.generation if structures else 0
 
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""

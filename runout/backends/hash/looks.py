@@ -14,8 +14,9 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.hash.account import Account
+from runout.backends.hash.columns import LaunchedColumns
 from runout.backends.hash.parts import Parts
-from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of
+from runout.backends.hash.readback import Bounds, Report, bounds_of
 from runout.backends.protocol import RasterSums
 from runout.model.particles import Particles
 
@@ -37,18 +38,19 @@ class Looks:
 
     def __init__(self, scenes: int):
         self.bounds: list[Bounds | None] = [None] * scenes
+        self.windows: list[footprints.Lattice | None] = [None] * scenes  # of these bounds, once there was a look at them
         self.travelled = np.full(scenes, np.inf)  # [cells] at most, since then
         self.made = np.zeros(scenes, np.int64)
         self.substeps = np.ones(scenes, np.int64)
         self.wanted: Mapping[int, Sequence[int]] = {}
         self.take: Take | None = None
         self.begun = self.made.copy()
-        self.launched: list[LaunchedSums] = []
+        self.launched: list[LaunchedColumns] = []
 
     def begin(self, wanted: Mapping[int, Sequence[int]], take: Take | None, substeps: np.ndarray) -> None:
         """Open a series of transfers; ``take`` gets scene, transfer and columns after the ``wanted`` ones, from 1 on.
 
-        The columns are valid until it returns: the next ones may take their memory.
+        The columns and their boxes are valid until it returns: the next ones may take their memory.
         """
         self.wanted, self.take, self.begun, self.substeps = wanted, take, self.made.copy(), substeps
 
@@ -57,14 +59,14 @@ class Looks:
     ) -> None:
         """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew.
 
-        The mass of every scene moves on, also in a series in which nobody looks at it. ``settle`` waits for a sort under way.
+        The mass of every scene moves on, also in a series in which nobody looks at it. ``settle`` waits for a sort in which particles join.
         """
         for s, time in enumerate(lengths):
             scene = parts.scenes.scenes[s]
             reach = (accounts[s].max_speed + np.linalg.norm(scene.gravity) * time) * time / min(scene.spacing[:2])
             if self.wanted.get(s) and self.travelled[s] + reach > MARGIN:
                 settle()
-                self.bounds[s], self.travelled[s] = bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))), 0.0
+                self._cover(s, bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))))
             self.travelled[s] += reach
 
     def window(self, scene: int) -> Bounds | None:
@@ -74,7 +76,10 @@ class Looks:
     def note(self, scene: int, bounds: Bounds) -> None:
         """The mass of a scene covers nodes within ``bounds`` now."""
         low, high = bounds
-        self.bounds[scene], self.travelled[scene] = (low - MARGIN, high + MARGIN), 0.0
+        self._cover(scene, (low - MARGIN, high + MARGIN))
+
+    def _cover(self, scene: int, bounds: Bounds | None) -> None:
+        self.bounds[scene], self.windows[scene], self.travelled[scene] = bounds, None, 0.0
 
     def join(self, scene: int, p: Particles) -> None:
         """Particles join a scene: its window stays if they lie as far inside as the mass that was there."""
@@ -91,11 +96,11 @@ class Looks:
         done, windows = (self.made - self.begun) // self.substeps, {}
         for s, steps in self.wanted.items():
             bounds = self.bounds[s]
-            if left[s] >= step and done[s] + step in steps and bounds is not None:
-                windows[s] = footprints.Lattice.around(parts.scenes.scenes[s], *bounds)
+            if bounds is not None and left[s] >= step and done[s] + step in steps:
+                windows[s] = self.windows[s] = self.windows[s] or footprints.Lattice.around(parts.scenes.scenes[s], *bounds)
         if windows:
             made = {s: int(self.made[s] + step * self.substeps[s]) for s in windows}
-            self.launched.append(LaunchedSums(parts, accounts, windows, made))
+            self.launched.append(parts.columns.launch(parts, accounts, windows, made))
 
     def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
         """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""

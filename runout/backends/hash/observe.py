@@ -285,23 +285,22 @@ def _covered(x: wp.float64, width: wp.float64, i: int):
     return (wp.min(x + width, wp.float64(i + 1)) - wp.max(x, wp.float64(i))) / width
 
 
-def note_step(scenes: SceneGroup, raster: Longs):
-    """Write the steps that each scene has made behind the sums: a look that comes after a halt finds fewer than it should."""
+def note_step(scenes: SceneGroup, packed: Longs):
+    """Write the steps that each scene has made before the columns: a look that comes after a halt finds fewer than it should."""
     s = wp.tid()
-    raster[raster.shape[0] - scenes.step_counts.shape[0] + s] = wp.int64(scenes.step_counts[s])
+    packed[s] = wp.int64(scenes.step_counts[s])
 
 
 def add_columns(
-    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, windows: Table2, scales: Doubles2,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, windows: Table2, units: Doubles2,
     raster: Longs,
 ):  # fmt: skip
     """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene's lattice.
 
-    A window holds all mass; a particle outside counts at its rim, so that no other memory is written. Its row: place in ``raster``
-    or -1, columns, rows; rows are counted from the south.
-    Volume, mass, momentum: whole numbers of a tiny unit, exact in any order, so that they repeat bit by bit. A row of ``scales``:
-    a grid cell in cells of the lattice, how many units make one, and the first cell of the window, east and north. Shares are those
-    at the place on the whole lattice: their bits do not depend on where a window begins.
+    A window holds all mass; a particle outside counts at its rim, so that no other memory is written. ``windows`` and ``units`` are
+    those of :mod:`runout.backends.hash.spreading`. Volume, mass and momentum are whole numbers of a tiny unit, exact in any order,
+    so that they repeat bit by bit. Shares are those at the place on the whole lattice: their bits do not depend on where a window
+    begins.
     """
     p = wp.tid()
     k = particles.key[p]
@@ -314,13 +313,13 @@ def add_columns(
     place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[s])
     qx = place[0]
     qy = place[1]
-    wide = scales[s, 0]
+    wide = units[s, 12]
     x = (qx - wp.float64(0.5)) * wide
     y = (qy - wp.float64(0.5)) * wide
-    first_column = int(scales[s, 4])
-    first_row = int(scales[s, 5])
+    first_column = int(units[s, 13])
+    first_row = int(units[s, 14])
     m = wp.float64(particles.rec[MASS, p])
-    volume = m / scenes.density[int(particles.release[p])] * scales[s, 1]
+    volume = m / scenes.density[int(particles.release[p])] * units[s, 0]
     columns = windows[s, 1]
     rows = windows[s, 2]
     for i in range(int(wp.floor(x)), int(wp.floor(x + wide)) + 1):
@@ -328,12 +327,12 @@ def add_columns(
         for j in range(int(wp.floor(y)), int(wp.floor(y + wide)) + 1):
             share = sx * _covered(y, wide, j)
             if share > wp.float64(0.0):
-                o = begin + (wp.clamp(j - first_row, 0, rows - 1) * columns + wp.clamp(i - first_column, 0, columns - 1)) * 5
+                o = (begin + wp.clamp(j - first_row, 0, rows - 1) * columns + wp.clamp(i - first_column, 0, columns - 1)) * 5
                 added = whole5()
                 added[0] = wp.int64(wp.round(share * volume))
-                added[1] = wp.int64(wp.round(share * m * scales[s, 2]))
+                added[1] = wp.int64(wp.round(share * m * units[s, 1]))
                 for d in range(3):
-                    added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 3]))
+                    added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * units[s, 2]))
                 add_wholes(raster, o, added)
 
 

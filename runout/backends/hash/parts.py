@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
+from runout.backends.hash.columns import ColumnSums
 from runout.backends.hash.device_status import DeviceStatus
+from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.grid import NodeArrays
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.host_buffers import HostBuffers
@@ -27,7 +30,9 @@ class Parts:
     ground: Ground | None
     store: Store
     index: Index
-    structures: Structures | None = None
+    structures: Structures | None
+    columns: ColumnSums
+    graphs: Graphs  # of steps, sorts, looks and rows of the ledger, for either place of the rows of particles
     buffers: HostBuffers = field(default_factory=HostBuffers)
     nodes: NodeArrays = field(init=False)
 
@@ -49,6 +54,15 @@ class Parts:
         self.nodes.make_layers(self.index, self.store, self.scenes)
         if self.structures:
             self.structures.make_nodes(self.index, self.store, self.nodes)
+
+    @property
+    def generation(self) -> tuple[int, int, int]:
+        """Counts how often arrays by block were made anew."""
+        return self.index.generation, self.nodes.generation, self.structures.generation if self.structures else 0
+
+    def launch(self, name: Hashable, enqueue: Callable[[], None], before: int) -> None:
+        """Launches, on a GPU as a graph once they have come ``before`` times."""
+        self.graphs.launch(name, self.generation, enqueue, before)
 
     def bytes_used(self) -> int:
         """Memory of the arrays that grow with particles, blocks, surfaces and structures [byte]."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from types import SimpleNamespace
 from typing import TypeAlias
@@ -12,26 +13,23 @@ import warp as wp
 
 from runout.backends import footprints
 from runout.backends.hash.account import Account
+from runout.backends.hash.columns import ORDER, WHOLE, units_of
 from runout.backends.hash.groups import filled
 from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_each
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.hash.parts import Parts
-from runout.backends.hash.spreading import SpreadSums
 from runout.backends.protocol import LedgerRow, NodeSums, RasterSums
 from runout.model.particles import ARRAYS, Particles
-from runout.model.scene import Scene
 
 ROW_LANES, FEWEST_LANES = 2**14, 2**11  # threads of a GPU that look for particles that have gone: for one scene, for many
 PARTS = 256  # blocks of threads that share the sums over the blocks of all scenes
+ROWS_BEFORE = 3  # for either place of the particles and since arrays were made anew, before the sums are recorded as a graph
 CHUNK = 2**18  # particles that are brought to the host at once
-WHOLE = 2.0**62  # sums over columns are whole numbers below this
 KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
 LEDGER_NUMBERS = KEPT + SUMS + 7  # numbers of a scene; the last are blocks with particles and their extent
 NO_BLOCKS = np.array([0, *[2**29] * 3, *[-(2**29)] * 3])
-FASTEST = 1024.0  # [m/s] of a column; sums of momentum have bits that do not depend on when the host last read the speed
 Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
-LANES = [0, 2, 3, 4, 1]  # of sums by column, in the order of footprints: volume, momentum, mass
 WORDS = 4  # of 8 bytes, which hold number and extent of the blocks of a scene
 REACH = 5  # cells from the first of a block that its particles cover
 
@@ -45,6 +43,8 @@ class Report:
         Dissipation and impulse booked, and sums over the particles that have gone, up to the last sort.
     group : SumGroup
         Holds ``kept`` and the other arrays.
+    by_block : (blocks, SUMS) float64
+        Sums over the particles of each block.
     cached_ledger, cached_columns
         Sums of the present state, and those by column of a scene, once they have been read; see :meth:`forget`.
     """
@@ -56,7 +56,7 @@ class Report:
         rows |= {"booked": (scenes * self.parts, BOOKED), "here": (scenes * self.parts, SUMS)}
         arrays = {name: wp.zeros(shape, dtype=wp.float64) for name, shape in rows.items()}
         self.group = filled(groups.SumGroup, self, bounds=wp.zeros((scenes, len(NO_BLOCKS)), dtype=wp.int32), **arrays)
-        self.kept = self.group.kept
+        self.kept, self.by_block = self.group.kept, wp.empty((0, SUMS), dtype=wp.float64)
         self.forget()
 
     def forget(self) -> None:
@@ -73,16 +73,10 @@ class Report:
     def rows(self, parts: Parts) -> np.ndarray:
         """All sums of the present state (scenes, LEDGER_NUMBERS), see ``write_sums`` of ``observe``; the host waits once."""
         if self.cached_ledger is None:
-            index, scenes, status = parts.index, parts.scenes, parts.status.group
-            found = wp.zeros((index.capacity, SUMS), dtype=wp.float64)
-            wp.copy(self.group.bounds, self.no_blocks)
-            run_blocks(
-                parts.k.sum_blocks, index.capacity, PARTICLE_LANES, status, parts.store.group, index.block_group, scenes.group,
-                scenes.constants, scenes.materials, self.group, found,
-            )  # fmt: skip
-            self._sum_rows(parts, found, self.group.here)
-            self._sum_since_sort(parts)
-            run_each(parts.k.write_sums, self.group.ledger.size, PARTICLE_LANES, status, self.group)
+            capacity = parts.index.capacity
+            if len(self.by_block) != capacity:
+                self.by_block = wp.empty((capacity, SUMS), dtype=wp.float64)
+            parts.launch(("ledger", parts.store.turn, parts.generation), lambda: self._enqueue(parts), ROWS_BEFORE)
             self.cached_ledger = self.group.ledger.numpy()
         return self.cached_ledger
 
@@ -92,6 +86,19 @@ class Report:
         run(parts.k.bound_blocks, parts.index.capacity, parts.status.group, parts.index.block_group, self.group)
         row = wp.array(ptr=words.ptr, dtype=wp.int32, shape=len(NO_BLOCKS), device=words.device)
         wp.copy(row, self.group.bounds[scene])
+
+    def _enqueue(self, parts: Parts) -> None:
+        """Launches of a row of the ledger of each scene."""
+        index, scenes, status = parts.index, parts.scenes, parts.status.group
+        self.by_block.zero_()
+        wp.copy(self.group.bounds, self.no_blocks)
+        run_blocks(
+            parts.k.sum_blocks, index.capacity, PARTICLE_LANES, status, parts.store.group, index.block_group, scenes.group,
+            scenes.constants, scenes.materials, self.group, self.by_block,
+        )  # fmt: skip
+        self._sum_rows(parts, self.by_block, self.group.here)
+        self._sum_since_sort(parts)
+        run_each(parts.k.write_sums, self.group.ledger.size, PARTICLE_LANES, status, self.group)
 
     def _sum_since_sort(self, parts: Parts) -> None:
         scenes = parts.scenes
@@ -111,18 +118,17 @@ def ledgers(parts: Parts, report: Report, accounts: Sequence[Account]) -> list[L
     """Sums of the present state, a row a scene."""
     rows = report.rows(parts)
     taken = np.zeros(len(rows)) if parts.structures is None else parts.structures.dissipation()
-    return [_row(a, row[KEPT:], row[BOOKED:KEPT], row[:BOOKED], float(t)) for a, row, t in zip(accounts, rows, taken, strict=True)]
+    return [_row(*one) for one in zip(accounts, rows, rows.tolist(), taken.tolist(), strict=True)]
 
 
-def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray, taken: float) -> LedgerRow:
-    low, high = here[SUMS + 1 :].reshape(2, 3)
-    box = int(np.prod(np.maximum(high - low + 1, 0)))
+def _row(a: Account, row: np.ndarray, numbers: list[float], taken: float) -> LedgerRow:
+    done, left, here, blocks = (numbers[begin:] for begin in (0, BOOKED, KEPT, KEPT + SUMS))
+    sides = [max(int(high - low) + 1, 0) for low, high in zip(blocks[1:4], blocks[4:7], strict=True)]
     return LedgerRow(
-        mass=float(here[0]), escaped_mass=float(left[0]), momentum=here[1:4].copy(), kinetic_energy=float(here[4]),
-        potential_energy=float(here[5]), elastic_energy=float(here[6]), basal_dissipation=-float(done[1]),
-        plastic_dissipation=float(done[0] + done[5]), escaped_energy=float(left[4:].sum()), basal_impulse=done[2:5].copy(),
-        max_speed=a.max_speed, active_blocks=int(here[SUMS]), box_blocks=box, contact_particles=a.contact_particles,
-        structure_dissipation=taken,
+        mass=here[0], escaped_mass=left[0], momentum=row[KEPT + 1 : KEPT + 4].copy(), kinetic_energy=here[4],
+        potential_energy=here[5], elastic_energy=here[6], basal_dissipation=-done[1], plastic_dissipation=done[0] + done[5],
+        escaped_energy=sum(left[4:SUMS]), basal_impulse=row[2:5].copy(), max_speed=a.max_speed, active_blocks=int(blocks[0]),
+        box_blocks=math.prod(sides), contact_particles=a.contact_particles, structure_dissipation=taken,
     )  # fmt: skip
 
 
@@ -173,8 +179,9 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
     scenes = parts.scenes.scenes
     bounds = {n: bounds_of(parts, report, n) for n in chosen}
     windows = {n: footprints.Lattice.around(scenes[n], *b) for n, b in bounds.items() if b is not None}
-    sums = LaunchedSums(parts, accounts, windows)
+    sums = parts.columns.launch(parts, accounts, windows)
     columns = {n: deepcopy(of_scene) for n, (_, of_scene) in sums.arrived().items()}
+    sums.keep_boxes()
     sums.release()
     return dict.fromkeys(bounds, footprints.nothing()) | columns
 
@@ -194,7 +201,8 @@ def node_columns(
     cells = footprints.lattice_shape(s.raster, footprints.lattice_cell(s))[::-1]
     (i, j), (nx, ny) = _nodes_within(wide, cells)
     require_index(5 * nx * ny, "sums around nodes")
-    window, units = wp.array(np.array([i, j, nx, ny, scene, *cells], np.int32), dtype=wp.int32), _units(accounts[scene], s)
+    window = wp.array(np.array([i, j, nx, ny, scene, *cells], np.int32), dtype=wp.int32)
+    units = np.array(units_of(accounts[scene], s))
     sums = wp.zeros(5 * nx * ny + WORDS, dtype=wp.int64)
     groups = parts.store.group, parts.index.block_group, parts.scenes.group
     run(parts.k.add_around_nodes, parts.store.size, *groups, window, wp.array(units, dtype=wp.float64), sums)
@@ -206,7 +214,7 @@ def node_columns(
     first, shape = _nodes_within(bounds, cells)
     own = numbers[:-WORDS].reshape(nx, ny, 5)[first[0] - i :, first[1] - j :][: shape[0], : shape[1]]
     columns = np.empty((5, *shape))
-    for lane, (place, unit) in enumerate(zip(LANES, units[[0, 2, 2, 2, 1]], strict=True)):
+    for lane, (place, unit) in enumerate(zip(ORDER, units[[0, 2, 2, 2, 1]], strict=True)):
         np.multiply(own[..., place], 1.0 / unit, out=columns[lane])
     return NodeSums(first, columns), bounds
 
@@ -255,84 +263,3 @@ def _bounds(parts: Parts, scene: int, row: np.ndarray, margin: int = 0) -> Bound
         return None
     shift = (0, parts.scenes.shifts[scene])
     return low - shift - margin, high - shift + REACH + margin
-
-
-class LaunchedSums:
-    """Volume, mass and momentum over windows of the lattices of some scenes that the device adds up; windows hold all mass.
-
-    The launch is made at once. :meth:`arrived` waits until the sums are on the host, and for no later launch. ``steps`` are
-    those that the scenes should have made by then.
-    """
-
-    def __init__(
-        self, parts: Parts, accounts: Sequence[Account], covered: Mapping[int, footprints.Lattice],
-        steps: Mapping[int, int] | None = None,
-    ):  # fmt: skip
-        many, begin, self.expected = len(accounts), 0, steps or {}
-        self.covered, self.windows, self.scales = covered, np.full((many, 3), -1, np.int32), np.zeros((many, 6))
-        for n, lattice in covered.items():
-            require_index(begin, "sums of maps")
-            self.windows[n] = begin, *lattice.shape
-            self.scales[n] = footprints.HALVES, *_units(accounts[n], parts.scenes.scenes[n]), *lattice.first
-            begin += 5 * lattice.shape[0] * lattice.shape[1]
-        require_index(begin + many, "sums of maps")
-        raster = wp.zeros(begin + many, dtype=wp.int64)
-        if begin:
-            windows, scales = wp.array(self.windows, dtype=wp.int32), wp.array(self.scales, dtype=wp.float64)
-            groups = parts.status.group, parts.store.group, parts.index.block_group, parts.scenes.group
-            run(parts.k.add_columns, parts.store.size, *groups, windows, scales, raster)
-            run(parts.k.note_step, many, parts.scenes.group, raster)
-        self.buffers = parts.buffers
-        self.spread: SpreadSums | None = None
-        self.scenes, self.accounts = parts.scenes.scenes, accounts
-        if begin and spreads_on(raster.device):
-            units = {n: self.scales[n, 1:4] for n in covered}
-            volumes = {n: accounts[n].particle_volume for n in covered}
-            self.spread = SpreadSums(covered)
-            sums = self.spread.launch(parts, units, volumes, raster[:begin]).view(wp.int64)
-        else:
-            sums = raster
-        self.size = len(sums) if self.spread else begin
-        self.numbers = parts.buffers.lend(self.size + many, raster.device.is_cuda)
-        if begin:
-            wp.copy(self.numbers, sums, count=self.size)
-        wp.copy(self.numbers, raster, dest_offset=self.size, src_offset=begin, count=many)
-        self.event = wp.record_event() if raster.device.is_cuda else None
-
-    def arrived(self) -> dict[int, tuple[int, RasterSums]]:
-        """Steps that a scene had made, and its columns over a window of the lattice, by scene.
-
-        They may lie in memory that :meth:`release` gives back.
-        """
-        if self.event is not None:
-            wp.synchronize_event(self.event)
-        numbers = self.numbers.numpy()
-        steps = numbers[self.size : self.size + len(self.windows)]
-        return {n: (int(steps[n]), self._columns(n, numbers[: self.size])) for n in self.covered}
-
-    def _columns(self, n: int, numbers: np.ndarray) -> RasterSums:
-        """Columns of a scene, of which the host spreads the sums unless the device has."""
-        lattice, raster = self.covered[n], self.scenes[n].raster
-        if self.spread:
-            spread = self.spread
-            return footprints.placed(spread.of(n, numbers.view(np.float64)), lambda: spread.boxes(n), lattice, raster)
-        columns, rows = lattice.shape
-        part = numbers[self.windows[n, 0] :][: 5 * rows * columns].reshape(rows, columns, 5)
-        lanes = np.ascontiguousarray(np.moveaxis((part / np.repeat(self.scales[n, 1:4], (1, 1, 3)))[..., LANES], -1, 0))
-        return footprints.spread(lanes, lattice, raster, self.accounts[n].particle_volume)
-
-    def release(self) -> None:
-        """Give the memory of the host back; to be called once, when nobody reads the columns any more."""
-        self.buffers.take_back(self.numbers)
-
-
-def spreads_on(device: wp.Device) -> bool:
-    """Whether a device spreads sums itself: on a CPU the host does it in a tenth of the time."""
-    return bool(device.is_cuda)
-
-
-def _units(a: Account, scene: Scene) -> np.ndarray:
-    """Whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)], so that no sum overflows."""
-    light = min(m.density for m in scene.materials)
-    mass = max(a.mass, 1e-30)
-    return WHOLE / np.array([mass / light, mass, mass * max(FASTEST, 2.0 * a.max_speed)])

@@ -3,6 +3,11 @@
 A thread reads the square around its cell. On a CPU :mod:`runout.backends.spreading` does the same with sums along rows and across
 them. Only sums over a square have another order here, so that columns of the two agree to rounding.
 
+    windows   first cell, columns and rows of the window of each scene (scenes, 3); -1, 0, 0 without one
+    units     numbers of each scene (scenes, 15): whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum
+              [1/(kg m/s)], volume in a cell where one particle stands over a grid cell [m3]; of the extent, then of the thickness,
+              how many particles share a place and the areas of the footprints (3); a grid cell in cells of the lattice, and the
+              first cell of the window, east and north
     raster    whole numbers (5 cells,): volume, mass, momentum (3)
     values    the same in SI (5, cells): volume, momentum (3), mass
     parts     of the volume that spread over one, 3 x 3 and 5 x 5 cells (3, cells); with them the part that flows (cells,)
@@ -15,15 +20,9 @@ The cells of all windows lie one behind the other, each window row by row from t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import numpy as np
 import warp as wp
 
-from runout.backends import footprints
-from runout.backends.hash.layout import Doubles, Doubles2, Longs, Table2, run
-from runout.backends.hash.limits import require_index
-from runout.backends.hash.parts import Parts
+from runout.backends.hash.layout import Doubles, Doubles2, Longs, Table2
 from runout.physics.numerical_scales import covered_part as covered_part64
 from runout.physics.numerical_scales import depth_count as depth_count64
 from runout.physics.numerical_scales import depth_scales as depth_scales64
@@ -32,7 +31,7 @@ from runout.physics.numerical_scales import extent_parts as extent_parts64
 from runout.physics.numerical_scales import flowing_part as flowing_part64
 
 LANES = 5  # volume, momentum (3), mass
-EXTENT, DEPTH = 1, 5  # where the numbers of the two footprints begin: particles that share a place, and three areas
+NUMBERS = 15  # of a scene
 
 
 def _square(values: Doubles2, lane: int, begin: int, columns: int, rows: int, c: int, reach: int):
@@ -144,58 +143,3 @@ def spread_columns(
             nine = _scaled_square(values, lane, scales, 2, windows, w, c, 4)
             spread[begin + lane * cells] = inside * (three + five + nine)
         spread[begin + lanes * cells] = flowing[k] * spread[begin]
-
-
-class SpreadSums:
-    """Spreads sums over windows of lattices; nothing waits.
-
-    Parameters
-    ----------
-    lattices : mapping of int to Lattice
-        Windows by scene.
-
-    Attributes
-    ----------
-    values : (5, cells)
-        The sums [m3], [kg m/s], [kg], on the device.
-    """
-
-    def __init__(self, lattices: Mapping[int, footprints.Lattice]):
-        self.sizes = [lattice.shape[0] * lattice.shape[1] for lattice in lattices.values()]
-        self.cells, self.lattices = sum(self.sizes), lattices
-        self.first = dict(zip(lattices, np.cumsum([0, *self.sizes]).tolist(), strict=False))
-        require_index((LANES + 1) * self.cells, "columns of maps")
-        self.values = wp.empty((LANES, self.cells), dtype=wp.float64)
-
-    def launch(self, parts: Parts, units: Mapping[int, np.ndarray], volumes: Mapping[int, float], raster: wp.array) -> wp.array:
-        """Launch the spreading of whole numbers ``raster`` (5 cells,); returns the columns (6 cells,), window by window.
-
-        ``units`` (3,) are the whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)] of a scene,
-        ``volumes`` the mean volume of its particles [m3].
-        """
-        k, cells = parts.k, self.cells
-        places = [(self.first[n], *lattice.shape) for n, lattice in self.lattices.items()]
-        sharing = [(s, *areas) for s, areas in zip(footprints.SHARING, footprints.AREAS, strict=True)]
-        rows = [(*units[n], volumes[n] / footprints.HALVES**2, *sharing[0], *sharing[1]) for n in self.lattices]
-        windows, numbers = wp.array(np.array(places, np.int32), dtype=wp.int32), wp.array(np.array(rows), dtype=wp.float64)
-        scales, covered = (wp.empty((lanes, cells), dtype=wp.float64) for lanes in (3, 1))
-        flowing, spread = (wp.empty(lanes * cells, dtype=wp.float64) for lanes in (1, LANES + 1))
-        size = len(self.sizes), max(self.sizes)
-        run(k.scale_columns, size, windows, numbers, raster, self.values)
-        run(k.find_flowing, size, windows, numbers, self.values, scales, flowing)
-        run(k.find_covered, size, windows, numbers, scales, covered)
-        run(k.find_scales, size, windows, numbers, self.values, covered, scales)
-        run(k.spread_columns, size, windows, self.values, covered, scales, flowing, LANES, spread)
-        return spread
-
-    def of(self, scene: int, numbers: np.ndarray) -> np.ndarray:
-        """Columns (6, rows, columns) of a scene, a view of all ``numbers`` (6 cells,) on the host."""
-        columns, rows = self.lattices[scene].shape
-        begin, many = (LANES + 1) * self.first[scene], (LANES + 1) * rows * columns
-        return numbers[begin : begin + many].reshape(LANES + 1, rows, columns)
-
-    def boxes(self, scene: int) -> np.ndarray:
-        """Sums (5, rows, columns) of a scene before they are spread; the host waits for the device."""
-        columns, rows = self.lattices[scene].shape
-        begin = self.first[scene]
-        return self.values.numpy()[:, begin : begin + rows * columns].reshape(LANES, rows, columns)
