@@ -59,7 +59,8 @@ class Looks:
     ) -> None:
         """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew.
 
-        The mass of every scene moves on, also in a series in which nobody looks at it. ``settle`` waits for a sort in which particles join.
+        The mass of every scene moves on, also in a series in which nobody looks at it. ``settle`` waits for a sort in which
+        particles join.
         """
         for s, time in enumerate(lengths):
             scene = parts.scenes.scenes[s]
