@@ -205,15 +205,9 @@ class _Open:
 
 @dataclass
 class _Survey:
-    """Checks the events of a YAML text one by one, without recursion and without constructing values.
+    """Checks the events of a YAML text one by one, without recursion and without constructing values."""
 
-    Attributes
-    ----------
-    refused : tuple or None
-        Line (from 1), message and remedy of the first violation.
-    """
-
-    refused: tuple[int, str, str] | None = None
+    refused: tuple[int, str, str] | None = None  # line (from 1), message and remedy of the first violation
     open: list[_Open] = field(default_factory=list)
     sizes: dict[str, int] = field(default_factory=dict)
     total: int = 0

@@ -164,7 +164,6 @@ def _need_one_of(schema: dict[str, Any], models: dict[str, Any]) -> None:
 
 
 def _has(key: str) -> dict[str, Any]:
-    """A key with a value."""
     return {"required": [key], "properties": {key: {"not": {"type": "null"}}}}
 
 

@@ -68,7 +68,6 @@ def _asked(question: str, default: str = "", check: Check | None = None) -> str:
 
 
 def _of_process() -> list[str]:
-    """Option with the process."""
     from runout.config.process_ranges import process_named, processes
 
     names = [*processes(), NONE]

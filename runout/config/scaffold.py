@@ -279,7 +279,6 @@ def _offered(other: Variant) -> Iterator[str]:
 
 
 def _two_digits(cell: float) -> float:
-    """A size with two digits."""
     step = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return round(round(cell / step) * step, 6)
 
@@ -329,7 +328,6 @@ def _comment(field: FieldInfo, section: str, name: str, indent: str) -> Iterator
 
 
 def _wrapped(text: str, indent: str) -> list[str]:
-    """A text as comment lines."""
     return textwrap.wrap(text, WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
 
 
@@ -338,7 +336,6 @@ def _example(field: FieldInfo) -> str:
 
 
 def _flow(value: Any) -> str:
-    """A value on one line of YAML."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items() if item is not None) + "}"
     if isinstance(value, list):

@@ -109,7 +109,6 @@ def _compared(criterion: "_Criterion") -> str:
 
 
 def _printed(name: str, least: float) -> str:
-    """A threshold with its printed unit."""
     units, divisor = VARIABLES[ALL_QUANTITIES[name].threshold].printed
     return f"{least / divisor:g} {_WORDS.get(units, units)}".rstrip()
 

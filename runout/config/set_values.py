@@ -52,7 +52,6 @@ def set_values(document: Document, settings: Iterable[str]) -> None:
 
 
 def _set(document: Document, key: str, text: str) -> None:
-    """Set one key of a document."""
     content = read_text(text, OPTION)
     if content.problems:
         raise _Refused(content.problems[0].message, content.problems[0].fix)

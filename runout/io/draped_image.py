@@ -62,7 +62,6 @@ def _warped(file: Any, extent: tuple[float, float, float, float], crs: str | Non
 
 
 def _bytes(band: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """A band as bytes."""
     if band.dtype == np.uint8:
         return band
     low, high = np.percentile(band[known], STRETCH)

@@ -253,7 +253,7 @@ class MembersFile(_MapsFile):
         super().__init__(path)
         with netcdf.reading(path):
             self.places = {int(number): place for place, number in enumerate(self.file["realization"][:])}
-            self.ledgers: dict[str, np.ndarray] = {}
+            self.maps, self.ledgers = self.held(), dict[str, np.ndarray]()
             if LEDGERS in self.file.groups:
                 columns = self.file.groups[LEDGERS].variables
                 self.ledgers = {name: np.asarray(column[:]) for name, column in columns.items() if name != RECORDS}
@@ -273,7 +273,7 @@ class StackedMember:
 
     def held(self) -> tuple[str, ...]:
         """Names of the maps."""
-        return self.stack.held()
+        return self.stack.maps
 
     def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
         """One map in a rectangle of the raster, float32; NaN where it has no value."""

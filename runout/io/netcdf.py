@@ -173,7 +173,6 @@ def write(dataset: "xr.Dataset", path: str | os.PathLike[str], *, groups: "Mappi
 
 
 def _write_whole(dataset: "xr.Dataset", path: str | os.PathLike[str], groups: "Mapping[str, xr.Dataset]") -> None:
-    """Write the file, whole or not at all."""
     with LOCK, whole_file(path) as temporary:
         try:
             _write_maps(_write_without_maps(_encoded(dataset), temporary), temporary)

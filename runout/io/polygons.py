@@ -351,7 +351,6 @@ def _crossing(parts: np.ndarray) -> tuple[str, str]:
 
 
 def _filled(rings: Any) -> np.ndarray:
-    """The areas in rings."""
     import shapely
 
     return np.array([shapely.make_valid(shapely.Polygon(ring)) for ring in rings])

@@ -192,7 +192,6 @@ def _by_record(link: Any, called: str, functions: Sequence[Any], name: str | Non
 
 
 def _resistance_by_record(functions: Sequence[Any], name: str) -> FunctionType:
-    """Resistance that is one of the ``functions`` by record."""
     return _by_record(several_laws.own_resistance, "law_resistance", functions, name)
 
 

@@ -40,7 +40,6 @@ def _start(release: Release) -> str:
 
 
 def _velocity(release: Release) -> str:
-    """Velocity of a release at its start in words."""
     velocity = release.velocity
     if isinstance(velocity, StartVelocity):
         where = "down the slope" if velocity.azimuth_deg is None else f"towards {velocity.azimuth_deg:g} deg from north"

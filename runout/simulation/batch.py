@@ -116,8 +116,6 @@ def _in_launches(jobs: "_PreparedJobs", place: str, brought: bool) -> Iterator[t
 
 @dataclass
 class _Job:
-    """A prepared scenario."""
-
     number: int
     terrain: Terrain
     scene: Scene
@@ -217,14 +215,7 @@ class _Launch:
 
 
 class _PreparedJobs:
-    """Jobs of scenarios in their order, prepared in advance by threads while the device computes.
-
-    Parameters
-    ----------
-    pool : ThreadPoolExecutor
-    scenarios, progress
-        As for :func:`simulate_batch`.
-    """
+    """Jobs of scenarios in their order, prepared in advance by threads while the device computes."""
 
     def __init__(
         self, pool: ThreadPoolExecutor, scenarios: Sequence[Mapping[str, Any]], progress: Callable[[int, float], None] | None

@@ -157,13 +157,7 @@ def scene_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
 def _checked_friction(
     material: Any, basal_friction: Any, angle_deg: Any, friction_zones: Any, structures: Any
 ) -> BasalFriction | float:
-    """Basal friction of the run, or its angle [rad].
-
-    Raises
-    ------
-    ConfigError
-        For an argument of another kind, such as a number in place of a law, or an angle out of range.
-    """
+    """Basal friction of the run, or its angle [rad]; ConfigError for another kind of argument or an angle out of range."""
     require_kind(Material, material, "material", MATERIAL_REMEDY, ConfigError)
     angle = f"{FRICTION_REMEDY}, or leave it out and write basal_friction_angle=20.0 in degrees"
     require_kind(BasalFriction | None, basal_friction, "basal_friction", angle, ConfigError)

@@ -253,7 +253,6 @@ def _covered_share(terrain: "Terrain", path: Path) -> np.ndarray:
 
 
 def _release(terrain: "Terrain", thickness: np.ndarray, volume: float | None, name: str) -> "Release":
-    """The release, scaled to a stated volume."""
     present_volume = float(thickness.sum() * terrain.cell_area)
     if present_volume == 0.0:
         raise ReleaseError(f"{name}: the scarp holds no mass: its surface lies above the ground everywhere; lower it")

@@ -47,8 +47,6 @@ def sliding_surface(
 
 @dataclass(frozen=True)
 class _Raster:
-    """Elevations of a raster for a grid."""
-
     elevation: np.ndarray  # (rows, columns): those of the cells, north-west corner first [m]
     # cell, grid: size of the cells, and spacing of the grid [m]
     cell: tuple[float, float]

@@ -176,7 +176,7 @@ def test_scenarios_that_together_cannot_be_addressed_run_in_several_launches(mon
 def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_prepared_meanwhile(monkeypatch):
     sizes, prepared = [], []
     module = __import__("runout.simulation.batch", fromlist=["get_batch"])
-    build, make = module.get_batch, module._Ahead.make
+    build, make = module.get_batch, module._PreparedJobs.make
 
     def counted(scenes, device, more):
         sizes.append(len(scenes))
@@ -189,7 +189,7 @@ def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_
     short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0, 25.0)]
     alone = simulate(**short[4], backend="hash", device=HASH_DEVICE)
     monkeypatch.setattr(module, "get_batch", counted)
-    monkeypatch.setattr(module._Ahead, "make", noted)
+    monkeypatch.setattr(module._PreparedJobs, "make", noted)
     monkeypatch.setattr(module, "AHEAD", 1)
     monkeypatch.setattr(module, "ENOUGH", 2 * alone.n_particles)
     found = dict(simulate_batch(short, device=HASH_DEVICE, particles=False))

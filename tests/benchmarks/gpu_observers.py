@@ -35,7 +35,7 @@ class Unobserved(Run):
         """Steps without looks, and no row of the ledger before the end."""
         self.ledger_due = 2.0 * self.control.end_time
         count = super().plan(most)
-        self.looks = []
+        self.look_steps = []
         return count
 
 

@@ -157,6 +157,19 @@ def test_of_a_large_raster_windows_spread_over_the_reach_are_taken(h):
     assert np.ptp(south) > 1800.0
 
 
+def test_windows_that_the_flow_hardly_reaches_are_left_out():
+    terrain, grid = Terrain.from_array(np.zeros((300, 300)), 5.0), (5.0, 5.0)
+    squares = [inside.shape for _, inside in roughness._windows(terrain, grid, np.ones(terrain.shape, bool))]
+    (rows, columns), count = squares[0], len(squares)
+    assert count > 2
+    first = (300 % rows) // 2, (300 % columns) // 2
+    reach = np.zeros(terrain.shape, bool)
+    reach[first[0] : first[0] + rows, first[1] : first[1] + columns] = True
+    reach[first[0] : first[0] + rows // 5, first[1] + columns : first[1] + 2 * columns] = True  # a fifth of the next one
+    (inside,) = [inside for _, inside in roughness._windows(terrain, grid, reach)]
+    assert inside.all()
+
+
 @pytest.mark.parametrize("shape", [(3, 3), (3, 80), (7, 5)])
 @pytest.mark.parametrize("h", [1.0, 7.0, 100.0])
 def test_small_rasters_and_grids_of_any_spacing_are_measured(shape, h):

@@ -174,7 +174,6 @@ def measure(full: bool) -> dict[str, Any]:
 
 
 def _lines(results: Mapping[str, Any]) -> list[str]:
-    """Rows to print."""
     rows = [(model, half) for model in ("runout", "wider", "landlab") for half in results[model]["halves"]]
     told = "  {}, fitted on reaches {}: error there {:.0f} m3, on the others {:.0f} m3"
     return [told.format(model, half["fitted"], half["error_fitted"], half["error"]) for model, half in rows]

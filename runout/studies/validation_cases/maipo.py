@@ -244,7 +244,6 @@ def measure(full: bool) -> dict[str, Any]:
 
 
 def _lines(results: Mapping[str, Any]) -> list[str]:
-    """Rows to print."""
     rows = []
     for family, family_results in results["families"].items():
         errors = [abs(row["length_error"]) for row in family_results["left_out"]]
