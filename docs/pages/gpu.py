@@ -6,12 +6,20 @@ from typing import Any
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 
-RECORDS = ("gpu", "gpu_whole_runs", "gpu_error", "gpu_site_runs", "gpu_friction")  # file names without their ending
+RECORDS = (
+    "gpu",
+    "gpu_whole_runs",
+    "gpu_error",
+    "gpu_site_runs",
+    "gpu_friction",
+    "gpu_observers",
+)  # file names without their ending
 STAGES = ("p2g", "nodes and contact", "g2p", "cells")
 LARGE = 2e6  # particles; the stages of smaller layers wait for the host
 SIZE = ("particles", "10⁹ particle-steps/s", "bytes a particle")
 ADDITION = ("with", "10⁹ particle-steps/s", "time of a step over that without", "bytes a particle")
 FRICTION = ("layer", "particles", "Coulomb [µs]", "Voellmy, drag at the base", "Voellmy, drag over the column")
+OBSERVED = ("cell [m]", "particles", "steps", "transfers", "updates of the maps", "with maps and ledger [s]", "without [s]")
 WHOLE = ("device", "cell [m]", "particles", "steps", "wall [s]", "without setup [s]")
 ERROR = ("flow", "cells [m]", "particles", "steps", "error", "seconds")
 FLOWS = {"jacksboro": "jacksboro, 15°", "frank_slide": "Frank Slide, 15°", "coulomb_only": "CoulombOnly"}
@@ -71,6 +79,18 @@ Record: {whole[card]}, commit {whole[commit]}. At 20 m the maps differ from thos
 (relative L1). The setup of the run on
 the CPU includes compiling.
 
+## Maps and ledger
+
+A mass of 0.35 million m³ slides for 30 s down a slope onto a plain, with maps and ledger, and without. Small flows wait for the
+host, which reads the maps and a row of the ledger every few transfers.
+
+{observed}
+
+    python tests/benchmarks/gpu_observers.py --device cuda:0 --cells 10 5.75 --finer 1 \\
+        --repeats 5 --out DIR/gpu_observers.json
+
+Record: {observers[card]}, commit {observers[commit]}; the shortest of five runs each, which take turns.
+
 ## Error against time
 
 Relative L1 error of the map of largest thickness of flows of 60 s, against {references}.
@@ -108,7 +128,7 @@ python -m pytest tests/backends -k "hash and not builds_for"`.
 
 def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
     """The page of the records, by their names in :data:`RECORDS`."""
-    gpu, whole, error, sites, voellmy = (records[name] for name in RECORDS)
+    gpu, whole, error, sites, voellmy, observers = (records[name] for name in RECORDS)
     layers = [r for r in gpu["records"] if "members" not in r]
     differences = whole["records"][1]["against_cpu"].items()
     text = OPENING.format(
@@ -117,6 +137,8 @@ def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
         error=error,
         drivers=sites,
         voellmy=voellmy,
+        observers=observers,
+        observed=markdown(OBSERVED, map(_observed, observers["records"])),
         copy=gpu["copy_bytes_per_second"] / 1e12,
         options=download("gpu.csv", "The full table"),
         float64=gpu["check"]["float64, 100 steps"]["velocity"],
@@ -170,6 +192,11 @@ def _whole(r: Mapping[str, Any]) -> tuple[str, ...]:
     seconds = r["seconds"] - r["stages"]["setup"]
     name = "CPU, scan" if r["device"] == "cpu" else "GPU, hash"
     return name, f"{r['cell_size']:g}", f"{r['particles']:,}", f"{r['steps']:,}", f"{r['seconds']:.2f}", f"{seconds:.2f}"
+
+
+def _observed(r: Mapping[str, Any]) -> tuple[str, ...]:
+    seconds = f"{r['seconds']:.2f}", f"{r['seconds_unobserved']:.2f}"
+    return f"{r['cell_size']:g}", f"{r['particles']:,}", f"{r['steps']:,}", f"{r['transfers']:,}", f"{r['looks']:,}", *seconds
 
 
 def _error(r: Mapping[str, Any]) -> tuple[str, ...]:

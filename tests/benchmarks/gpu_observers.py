@@ -24,6 +24,7 @@ from runout.backends.protocol import get_backend
 from runout.model.numerics import Numerics
 from runout.simulation.run import Run, RunControl
 from runout.simulation.scenario import build_scene
+from tests.benchmarks.seed_cases.memory_peak import card_name
 
 SIZE, CREST, RADIUS, THICKNESS = (1600.0, 640.0), 700.0, 120.0, 12.0  # [m]
 
@@ -71,7 +72,8 @@ def measured(cell_size: float, finer: float, end_time: float, device: str, repea
     observed, plain = np.min(seconds, axis=0).tolist()
     run = pair[0][1]
     return {
-        "device": device, "cell_size": cell_size, "finer": finer, "particles": len(made[1]), "steps": run.engine.counters.steps,
+        "device": device, "cell_size": cell_size, "finer": finer, "particles": len(made[1]), "steps": run.counters.steps,
+        "transfers": run.counters.transfers,
         "raster": [made[0].raster.rows, made[0].raster.columns], "looks": run.peaks.observations, "rows": len(run.ledger.time),
         "cells_per_look": run.peaks.cells / run.peaks.observations, "seconds": observed, "seconds_unobserved": plain,
         "share": 1.0 - plain / observed,
@@ -86,15 +88,17 @@ def main() -> None:
     parser.add_argument("--finer", type=float, nargs="*", default=[1.0, 2.0, 5.0])
     parser.add_argument("--end-time", type=float, default=30.0)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--commit", default="unknown")
     parser.add_argument("--out", type=Path)
     a = parser.parse_args()
-    records = []
+    records: list[dict[str, Any]] = []
+    head = {"card": None if a.device == "cpu" else card_name(), "commit": a.commit}
     for cell_size in a.cells:
         for finer in a.finer:
             records.append(measured(cell_size, finer, a.end_time, a.device, a.repeats))
             print(json.dumps(records[-1]), flush=True)
             if a.out:
-                a.out.write_text(json.dumps({"records": records}, indent=1))
+                a.out.write_text(json.dumps(head | {"records": records}, indent=1))
 
 
 if __name__ == "__main__":
