@@ -19,7 +19,7 @@ from collections import namedtuple
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
-from types import FunctionType, ModuleType, SimpleNamespace
+from types import CodeType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any, TypeVar
 
 from runout.io.atomic import whole_file
@@ -75,6 +75,18 @@ def rebound(function: FunctionType, names: Mapping[str, Any], compiled: Mapping[
     copy.__qualname__ = function.__qualname__
     copy.__module__ = function.__module__
     copy.__doc__ = function.__doc__
+    return copy
+
+
+def names_in(code: CodeType) -> set[str]:
+    """Names that code refers to, also in functions inside."""
+    return set(code.co_names).union(*(names_in(part) for part in code.co_consts if isinstance(part, CodeType)))
+
+
+def _copy(function: FunctionType, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], source: Path) -> FunctionType:
+    """The same, whose file is a copy of its source in the cache."""
+    copy = rebound(function, names, compiled)
+    copy.__code__ = copy.__code__.replace(co_filename=str(source))
     return copy
 
 
@@ -165,6 +177,7 @@ class NumbaBinding:
         spaces, self._compiled = _bind(PHYSICS, names, inline)
         self.names = names
         self._laws: dict[Law | FrictionLaw, SimpleNamespace] = {}
+        self._helpers: dict[Any, Any] = {}
         self.__dict__.update(vars(spaces))
 
     def law(self, law: Law) -> SimpleNamespace:
@@ -216,6 +229,17 @@ class NumbaBinding:
             self._compiled[function] = numba.njit(**self.inlined)(rebound(function, self.names, self._compiled))
         return self._compiled[function]
 
+    def _helper(self, copy: FunctionType) -> Any:
+        """An inlined function of kernels, compiled once for all kernels in which its names mean the same."""
+        import numba
+
+        used = {name: copy.__globals__[name] for name in names_in(copy.__code__) if name in copy.__globals__}
+        values = tuple((name, repr(value) if isinstance(value, int | float) else id(value)) for name, value in sorted(used.items()))
+        key = copy.__code__, copy.__qualname__, values
+        if key not in self._helpers:
+            self._helpers[key] = numba.njit(**self.inlined)(copy)
+        return self._helpers[key]
+
     def kernels(
         self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), nogil: bool = False, **names: Any
     ) -> SimpleNamespace:
@@ -228,24 +252,28 @@ class NumbaBinding:
         """
         import numba
 
+        from runout.backends.lanes.parallel_loops import in_shares, without_parallel_loops
+
         labels = (f"contract={self.contract}", *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
         key = source_key((*PHYSICS, *modules, *sources), self.real.__name__, *labels)
         own: dict[str, Any] = {**self.options, "cache": True, "no_cfunc_wrapper": True, "nogil": nogil}  # never called from C
-        inline = numba.njit(**self.inlined)
+        called: dict[str, Any] = {**self.options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         compiled = dict(self._compiled)
         space = SimpleNamespace()
         with cache_folder(key) as folder:
             for module in modules:
                 source = _copied_source(module, folder)
                 for function in functions_of(module):
-                    copy = rebound(function, {**self.names, **names}, compiled)
-                    copy.__code__ = copy.__code__.replace(co_filename=str(source))
                     if function.__name__.startswith("_"):
-                        compiled[function] = inline(copy)
-                    else:
-                        parallel = "prange" in function.__code__.co_names
-                        compiled[function] = numba.njit(parallel=parallel, **own)(copy)
-                        setattr(space, function.__name__, compiled[function])
+                        compiled[function] = self._helper(_copy(function, {**self.names, **names}, compiled, source))
+                        continue
+                    scope, kernel, options = {**self.names, **names}, function, own
+                    if "prange" in function.__code__.co_names:
+                        kernel, bodies = without_parallel_loops(function, key)
+                        scope["in_shares"], options = in_shares, {**own, "nogil": True}
+                        scope |= {body.__name__: numba.njit(**called)(_copy(body, scope, compiled, source)) for body in bodies}
+                    compiled[function] = numba.njit(**options)(_copy(kernel, scope, compiled, source))
+                    setattr(space, function.__name__, compiled[function])
         return space
 
 
@@ -334,9 +362,11 @@ def source_key(modules: tuple[ModuleType, ...], *labels: str) -> str:
     import numpy
     from llvmlite.binding import get_host_cpu_name
 
+    from runout.backends.lanes import parallel_loops
+
     compiler = numba.__version__, numpy.__version__, platform.python_version(), get_host_cpu_name()
     digest = hashlib.sha256("|".join((*compiler, *labels)).encode())
-    for module in (*modules, inspect.getmodule(source_key)):
+    for module in (*modules, parallel_loops, inspect.getmodule(source_key)):
         digest.update(Path(inspect.getfile(module)).read_bytes())  # type: ignore[arg-type]
     return digest.hexdigest()[:16]
 

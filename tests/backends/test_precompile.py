@@ -117,8 +117,8 @@ def sums_of_a_slide(material):
     particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), material.density, surface=ground)
     particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long
     engine.load(a_scene, particles)
-    for _ in range(150):
-        engine.step(engine.stable_step())
+    for k in range(150):
+        engine.step(engine.stable_step(), 1 + k % 2)
     assert engine.ledger().escaped_mass > 0
     engine.particles()
     return vars(kernels_for(a_scene))
@@ -128,7 +128,7 @@ def test_a_second_law_compiles_the_kernels_that_hold_it():
     """A kernel with the types of another law, or bound anew for it, would be compiled again."""
     first, second = sums_of_a_slide(SAND), sums_of_a_slide(ROCK)
     called = {name for name, kernel in first.items() if kernel.signatures}
-    assert len(called) <= ahead.KERNELS
+    assert len(called - {"substep"}) <= ahead.KERNELS
     anew = {
         name for name in called if second[name].stats.cache_path != first[name].stats.cache_path or len(second[name].signatures) > 1
     }

@@ -27,7 +27,7 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.column_drag import _add_changes
 from runout.backends.scan.domain import _lies_in_domain
-from runout.backends.scan.pore_pressure import Pores, _drain_tile
+from runout.backends.scan.pore_pressure import _drain_tile
 from runout.backends.scan.stencil import (
     AHEAD,
     EVERY,
@@ -356,8 +356,6 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
     """
     rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
     mats, s, cells = step.mats, step.slopes, step.cells
-    if WET:
-        pore_left, excess, pore_records, fading = step.pores.left, step.pores.excess, step.pores.records, step.pores.fading
     leaving = moves.leaving
     shifted = moves.shifted
     changed = moves.changed
@@ -396,8 +394,7 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
                 if WET:
-                    pores = Pores(pore_left, excess, pore_records, fading)
-                    _drain_tile(t, particles, pores, np.int64(b), f + k, count)
+                    _drain_tile(t, particles, step.pores, np.int64(b), f + k, count)
                 _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
                 before, place = (states, k) if alone else (state, f + k)
                 _follow_all_large(t, records, k, before, place, particles, f + k, groups, mats, s, cells)

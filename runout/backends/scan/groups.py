@@ -3,10 +3,6 @@
 A group is a named tuple: numba passes its fields as single arrays, and its cache knows the class by its name, so that a group costs
 nothing in a kernel. The arrays of a group are written in place. Where an array has to be replaced, its owner makes a new tuple.
 
-In a kernel with ``prange``, an array that the loop writes by index is bound to a name before the loop, in a statement of its own:
-``held = blocks.held``. Otherwise numba does not see that the array is an argument, and removes the write as dead code. Reading, and
-writing in functions that the loop calls, work with the group itself (``tests/backends/test_scan_groups.py`` checks this).
-
 Sizes: ``slots`` of particles, ``n`` particles, ``nown`` owner blocks, ``nall`` node blocks, ``threads``; ``real`` is float32 or
 float64, as the scene says.
 

@@ -41,7 +41,7 @@ from runout.backends.scan.particles_to_grid import (
     heads,
     local_places,
 )
-from runout.backends.scan.pore_pressure import Pores, _drain_tile
+from runout.backends.scan.pore_pressure import _drain_tile
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
@@ -160,8 +160,6 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
     number = arenas.number
     index, label, order, listed = particles.particle_index, particles.label, particles.order, particles.listed
     mats, dt, s4, cells = step.mats, step.dt, step.slopes, step.cells
-    if WET:
-        pore_left, excess, pore_records, fading = step.pores.left, step.pores.excess, step.pores.records, step.pores.fading
     _start(cursors)
     for cut in prange(len(schedule.cuts) - 1):
         thread = np.uint64(cut)
@@ -195,8 +193,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
                     if WET:
-                        pores = Pores(pore_left, excess, pore_records, fading)
-                        _drain_tile(t, particles, pores, np.int64(b), f + k, count)
+                        _drain_tile(t, particles, step.pores, np.int64(b), f + k, count)
                     _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells)
                     _follow_all_large(t, records, k, state, f + k, particles, f + k, groups, mats, s4, cells)
                     _store_tile(t, records, k, state, f + k, groups)
