@@ -154,6 +154,19 @@ def processes() -> dict[str, Process]:
     return {name: _made(name, **block) for name, block in content.items()}
 
 
+def published_friction(parameters: Mapping[str, Any]) -> tuple[str, list[PublishedRange]]:
+    """Title of the process that publishes the most of these sampled ranges of friction and pore pressure, and these ranges."""
+    known = {process.title: _equal_ranges(process, parameters) for process in processes().values()}
+    title = max(known, key=lambda name: len(known[name]))
+    return title, known[title]
+
+
+def _equal_ranges(process: Process, parameters: Mapping[str, Any]) -> list[PublishedRange]:
+    ranges = {r.key: r for variant in (*process.others, process.variant) for r in variant.ranges if r.distribution}
+    of_friction = [r for key, r in ranges.items() if key.startswith((OF_FRICTION, OF_PORE_PRESSURE))]
+    return [r for r in of_friction if parameters.get(r.key) == r.distribution]
+
+
 def _made(name: str, title: str, law: str, compared: list[str], others: Any = (), **own: Any) -> Process:
     return Process(name, title, law, compared, _variant(**own), [_variant(**other) for other in others])
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.config.process_ranges import published_friction
 from runout.hazard.danger import scheme_record
 from runout.report import tables
 from runout.report.figures import parameter_label
@@ -226,12 +227,19 @@ def questions(study: Study, settings: Mapping[str, Any], sure: str) -> list[Answ
         _buildings(study, site),
         _doubled(study, settings, site),
         Answer("How sure is the run-out?", sure or "Nothing is known: no member has run out.", "sure" if sure else "", "How sure"),
-        Answer("Which friction, and why?", f"{_start(friction(study, settings))}.", "settings", "Settings"),
+        Answer("Which friction, and why?", f"{_start(friction(study, settings))}.{_published(settings)}", "settings", "Settings"),
         _calibrated(settings, site),
         _water(study, settings),
         Answer("How long does a run take on a laptop?", LAPTOP, command=f"runout check {site}"),
         Answer("What is the finest grid in 30 minutes?", grid, command=f"runout check {site} --budget 30min"),
     ]
+
+
+def _published(settings: Mapping[str, Any]) -> str:
+    """Sentence on the sources of the sampled ranges of friction that are published ones of a process, with a space before it."""
+    title, ranges = published_friction(settings.get("ensemble", {}).get("parameters") or {})
+    sources = [_start(f"{parameter_label(r.key).partition(' [')[0]}: {r.words()}.") for r in ranges]
+    return " ".join(["", f"The ranges are those published for other events ({title}).", *sources]) if ranges else ""
 
 
 def _start(text: str) -> str:

@@ -80,7 +80,7 @@ inflow:
       ratio: 0.4
       decay_time: 10
   - name: spring
-    polygon: inputs/house.geojson
+    polygon: inputs/spring.geojson
     hydrograph: inputs/v.csv
 probes:
   points: inputs/points.geojson
@@ -270,6 +270,7 @@ def _write_more(inputs: Path, pile: np.ndarray) -> None:
     line = {"type": "LineString", "coordinates": [[WEST + 30, SOUTH + 60], [WEST + 130, SOUTH + 60]]}
     shapes: dict[str, list[dict[str, Any]]] = {
         "house": [{"type": "Polygon", "coordinates": [square(110, 70, 20)]}],
+        "spring": [{"type": "Polygon", "coordinates": [square(70, 30, 20)]}],
         "points": [{"type": "Point", "coordinates": [WEST + x, SOUTH + 60]} for x in (50, 90)],
         "line": [line],
         "gauge": [{"type": "LineString", "coordinates": [[WEST + 60, SOUTH + 30], [WEST + 60, SOUTH + 90]]}],
@@ -492,7 +493,7 @@ def odd_ring(random: Random) -> Any:
 
 def odd_vector(folder: Path, random: Random) -> None:
     """The release, the dam or the zones in an odd form."""
-    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line", "wet", "gauge"])
+    name = random.choice(["release", "release", "dam", "zone", "house", "points", "line", "wet", "gauge", "spring"])
     path = folder / "inputs" / f"{name}.geojson"
     kind = random.choice(["rings"] * 4 + ["members"] * 3 + ["bytes", "format", "format", "crowd"])
     if kind == "rings":

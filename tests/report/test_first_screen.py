@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from runout.config.process_ranges import process_named
 from runout.report import first_screen, tables
 from runout.report.html import write_report
 from runout.report.study import read_study
@@ -68,6 +69,21 @@ def test_sampled_parameters_of_a_law_of_friction_are_stated_as_a_range(study, se
     sentence = first_screen.assumed(replace(study, members=members), settings | {"basal_friction": {"law": "voellmy"}})
     assert "0.05 to 0.4, a range stated in site.yaml, not calibrated" in sentence
     assert "in every member" not in sentence
+
+
+def test_published_ranges_of_friction_name_their_sources(study, settings):
+    ranges = {r.key: r.distribution for r in process_named("snow_avalanche").variant.ranges}
+
+    def answer(parameters):
+        return first_screen.questions(study, settings | {"ensemble": settings["ensemble"] | {"parameters": parameters}}, "")[5].text
+
+    assert "published for other events (dense snow avalanche). " in answer(ranges)
+    assert "Buser & Frutiger 1980, J. Glaciol. 26:121" in answer(ranges)
+    assert "Martinelli et al. 1980" in answer(ranges)
+    changed = ranges | {"basal_mu": ranges["basal_mu"] | {"low": 0.01}}
+    assert "26:121" not in answer(changed)
+    assert "1360 for extreme avalanches" in answer(changed)
+    assert answer(settings["ensemble"]["parameters"]).endswith("stated in site.yaml, not calibrated.")
 
 
 def test_friction_that_no_member_changes_is_stated_with_its_value(study, settings):
