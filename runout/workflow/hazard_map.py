@@ -156,11 +156,6 @@ def run_second_grid(site_path: Path, out: Path | None = None, device: str | None
 
 def run_study(study: Study, stages: Sequence[str] = STAGES, force: bool = False) -> Outcome:
     """Run the stages of a study that are not up to date; arguments and errors as of :func:`run`."""
-    if written_alone(study.site) and "report" in stages:
-        if len(stages) == 1:
-            require_outlines(study.site)
-        LOGGER.info("no report: hazard.formats is netcdf, without the outlines and rasters that it shows")
-        stages = [stage for stage in stages if stage != "report"]
     with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
@@ -175,7 +170,8 @@ def _run_part(study: Study, members: str) -> Outcome:
         return _run(study, [stage for stage in PLAN if stage.name == "ensemble"], force=False)
 
 
-def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
+def _run(study: Study, planned: Sequence[Stage], force: bool) -> Outcome:
+    stages = _possible(study, planned)
     with ExitStack() as processes:
         if "ensemble" in [stage.name for stage in stages] and study.left and not study.cluster:
             _start_ahead(study, processes)
@@ -188,6 +184,16 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
     if "report" in done:
         LOGGER.info("open the report in a browser: %s", study.results / "report.html")
     return _outcome(study, stages, done)
+
+
+def _possible(study: Study, stages: Sequence[Stage]) -> Sequence[Stage]:
+    """The stages without the report where the site asks for ``hazard.nc`` alone; ConfigError if only the report is asked for."""
+    if not written_alone(study.site) or "report" not in [stage.name for stage in stages]:
+        return stages
+    if len(stages) == 1:
+        require_outlines(study.site)
+    LOGGER.info("no report: hazard.formats is netcdf, without the outlines and rasters that it shows")
+    return [stage for stage in stages if stage.name != "report"]
 
 
 def _start_ahead(study: Study, processes: ExitStack) -> None:

@@ -94,8 +94,8 @@ def test_births_have_the_volume_of_the_hydrograph(hydrograph):
     assert found.total == pytest.approx(hydrograph.volume - early, rel=1e-12)
     assert (np.diff(found.time) >= 0.0).all()
     assert found.time[-1] <= hydrograph.end
-    said = one.sentences(100.0, (0.1, 0.1, 0.1))
-    assert len(said) == (early > 0.0)
+    left_out = [sentence for sentence in one.sentences(100.0, (0.1, 0.1, 0.1)) if "before the start of the run" in sentence]
+    assert len(left_out) == (early > 0.0)
     # what entered up to any birth is the hydrograph, less than a plane of particles late
     late = hydrograph.entered.at(found.time) - early - np.cumsum(found.count * found.volume)
     plane = max(float((found.count * found.volume).max()), 20.0 / 0.5 * 0.125 * 2)

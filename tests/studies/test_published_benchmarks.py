@@ -68,7 +68,7 @@ def test_blocks_of_the_dense_index_fill_their_box(name):
         found[kind] = count_blocks(engine)
     assert found["dense"].sparsity < 1.5  # but for the neighbours upwards, which hold the nodes of the last blocks
     assert found["sparse"].sparsity > 4
-    assert found["dense"].held > 3 * found["sparse"].held
+    assert found["dense"].occupied > 3 * found["sparse"].occupied
 
 
 def test_a_rung_without_room_for_the_dense_grid_has_the_sparse_part_only(monkeypatch):

@@ -51,7 +51,7 @@ class Loaded:
         """
         size = sum(map(len, sources))
         require_particles(size, scenes.scenes[0].dtype().itemsize)
-        places = min(size + more, largest_particles(scenes.scenes[0].dtype().itemsize))
+        places = max(size, min(size + more, largest_particles(scenes.scenes[0].dtype().itemsize)))
         store = Store(np.zeros(places, np.int64), scenes.number, wet=scenes.wet)
         store.n = store.loaded = size
         if more:
