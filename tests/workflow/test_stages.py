@@ -79,7 +79,9 @@ class FakeSite:
         self.folder, self.name = folder, "fake"
         self.sections = {"terrain": {"dem": "dem.asc"}, "hazard": {"percentiles": [5]}}
 
-    settings = SimpleNamespace(ensemble=None, budget=None, simulation=SimpleNamespace(device="cpu"))
+    settings = SimpleNamespace(
+        ensemble=None, budget=None, simulation=SimpleNamespace(device="cpu"), hazard=SimpleNamespace(formats="all")
+    )
 
     def inputs(self):
         return [self.folder / "dem.asc"]
