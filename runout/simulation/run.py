@@ -100,7 +100,8 @@ class Run:
     ):  # fmt: skip
         self.engine, self.control, self.progress, self.keep = engine, control, progress, keep
         self.bed, self.scene, self.entering = bed, bed.scene if bed else scene, entering
-        on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
+        self.windowed = engine if control.crop and isinstance(engine, WindowBackend) else None  # if it looks at the flow alone
+        on_lattice = self.windowed is not None and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         probes = control.probes
         self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
@@ -463,14 +464,10 @@ class Run:
 
     def _columns(self) -> RasterSums:
         """Columns for the peaks: on the lattice or the raster."""
-        engine = self.engine
-        if self.peaks.on_lattice and isinstance(engine, WindowBackend):
-            return engine.lattice_columns()
-        return self._raster_columns()
+        return self.windowed.lattice_columns() if self.windowed and self.peaks.on_lattice else self._raster_columns()
 
     def _raster_columns(self) -> RasterSums:
-        engine = self.engine
-        return engine.flow_columns() if self.control.crop and isinstance(engine, WindowBackend) else engine.columns()
+        return self.windowed.flow_columns() if self.windowed else self.engine.columns()
 
     def _frame(self) -> Frame:
         """The present state on the whole raster, and that of the sample of particles."""

@@ -150,6 +150,20 @@ def test_particles_that_join_later_move_as_on_the_reference(name, case):
     assert_near(expected, found, 1e-8)
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_the_memory_of_scan_is_counted_anew_where_arrays_are(case):
+    (a_scene, substeps), (early, late) = scene_of(case), both_of(case)
+    engine, counted = engine_of("scan"), []
+    engine.load(a_scene, early)
+    for turn in range(3):
+        engine.add(late.take(slice(turn, None, 3)))
+        for _ in range(9):
+            go_on(engine, 1, substeps)
+            counted.append(engine.memory_bytes())
+            assert counted[-1] == sum(engine.memory().values())
+    assert counted[-1] > counted[0]
+
+
 def in_turn(engine, case, times):
     """State after mass has joined and the ground has been lowered after some numbers of steps."""
     (a_scene, substeps), (early, late) = scene_of(case), both_of(case)

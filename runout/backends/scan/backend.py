@@ -74,6 +74,8 @@ class ScanBackend:
         wait_briefly()
         self.workers, self.counters = Workers.at_most(threads), Counters()
         self.dense = index == "dense"
+        self.counted: tuple[Any, ...] = ()  # groups of arrays when their bytes were added up
+        self.counted_bytes = 0
         self.period = (0, 0, 0)  # [cells] after which the grid, not the ground, repeats; may be set where the index is dense
 
     def load(self, scene: Scene, particles: ParticleSource, more: int = 0) -> None:
@@ -426,8 +428,12 @@ class ScanBackend:
         return {**self.store.memory(), **self.workspace.memory(self.index.blocks), **self.workers.memory(), **more}
 
     def memory_bytes(self) -> int:
-        """Sum of :meth:`memory` [byte]."""
-        return sum(self.memory().values())
+        """Sum of :meth:`memory` [byte], added up where groups of arrays were made anew since the last call."""
+        w, s = self.workspace, self.structures
+        groups = self.store.particles, w, w.contacts, self.workers.buffers, *((s.near, s.touching, s.force) if s else ())
+        if len(groups) != len(self.counted) or any(a is not b for a, b in zip(groups, self.counted, strict=True)):
+            self.counted, self.counted_bytes = groups, sum(self.memory().values())
+        return self.counted_bytes
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
