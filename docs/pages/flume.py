@@ -26,12 +26,12 @@ real gate opens within 0.8 s. All distances are along the bed from the gate. The
 | peak of the mean of eight releases | below | data set ds03 of (4), reduced in (5) |
 | deposit: front, thickest place, end | 112, 106, 120 m | figs 15 and 16 of (2), read in (5) |
 
-1. github.com/geoflows/dclaw-apps, commit a5067fb, `USGSFlume/gate_release_example/setinit.py`
+1. [D-Claw's applications](https://github.com/geoflows/dclaw-apps/blob/a5067fb/USGSFlume/gate_release_example/setinit.py)
 2. George & Iverson 2014, Proc. R. Soc. A 470:20130820; the numbers of table 2 as they stand in (5)
 3. Iverson & Obryk 2019, doi 10.5066/P9NAFXW7
 4. Iverson et al. 2010, J. Geophys. Res. 115:F03005
-5. github.com/youryugi/dclaw, a third party: commits 51f0c4e (`validation/usgs_flume_2017`) and 89964d5
-   (`validation/usgs_flume_2010_paper2014`)
+5. A third party: tests of [2017](https://github.com/youryugi/dclaw/tree/51f0c4e/validation/usgs_flume_2017) and
+   [2010](https://github.com/youryugi/dclaw/tree/89964d5/validation/usgs_flume_2010_paper2014)
 
 The raw records were not at hand: two numbers of each sensor, and no series. **Nothing is fitted.**
 
@@ -162,22 +162,22 @@ def _figure(results: Mapping[str, Any]) -> bytes:
     from matplotlib.figure import Figure
 
     canvas = Figure(figsize=(12.0, 4.2), layout="constrained")
-    left, right = canvas.subplots(1, 2)
+    fronts, gauge_series = canvas.subplots(1, 2)
     gauges, base, observed = results["gauges"], results["runs"][0], results["observed"]
     for (name, test), mark in zip(observed.items(), ("k^", "ks"), strict=False):
-        left.plot(*_known(test["arrival"], gauges), mark, label=f"{name}, {test['volume']:g} m³")
-    left.plot(12.0, results["deposit"]["front"], "k*", markersize=10, label="front of the deposit (2)")
+        fronts.plot(*_known(test["arrival"], gauges), mark, label=f"{name}, {test['volume']:g} m³")
+    fronts.plot(12.0, results["deposit"]["front"], "k*", markersize=10, label="front of the deposit (2)")
     for number, run in enumerate(results["runs"]):
         style = {"color": "C0", "linewidth": 2.5} if number == 0 else {"linewidth": 1, "color": f"C{number}"}
-        left.plot(*_known(run["arrival"], gauges), label=run["name"], **style)
-    left.set(xlabel="time since the gate opens [s]", ylabel="distance along the bed [m]", xlim=(0, 14), ylim=(0, 120))
-    left.legend(frameon=False, fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        fronts.plot(*_known(run["arrival"], gauges), label=run["name"], **style)
+    fronts.set(xlabel="time since the gate opens [s]", ylabel="distance along the bed [m]", xlim=(0, 14), ylim=(0, 120))
+    fronts.legend(frameon=False, fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for colour, k in enumerate((1, 2, 4)):
-        right.plot(base["time"], base["thickness"][k], color=f"C{colour}", label=f"runout, {gauges[k]:g} m")
+        gauge_series.plot(base["time"], base["thickness"][k], color=f"C{colour}", label=f"runout, {gauges[k]:g} m")
         mean = observed["mean of eight"]["peak"][k]
-        right.axhline(mean, color=f"C{colour}", linestyle=":", label=f"peak of the mean of eight, {(32, 66, 90)[colour]} m")
-    right.set(xlabel="time since the gate opens [s]", ylabel="thickness [m]", xlim=(0, 20), ylim=(0, 0.3))
-    right.legend(frameon=False, fontsize=7)
+        gauge_series.axhline(mean, color=f"C{colour}", linestyle=":", label=f"peak of the mean of eight, {(32, 66, 90)[colour]} m")
+    gauge_series.set(xlabel="time since the gate opens [s]", ylabel="thickness [m]", xlim=(0, 20), ylim=(0, 0.3))
+    gauge_series.legend(frameon=False, fontsize=7)
     return as_png(canvas)
 
 

@@ -157,6 +157,6 @@ class Bed:
         bounds += [f"the relief of {terrain.source}, {short(relief, 'm')}"] * (0.0 < relief < deepest)
         if bounds:
             yield (
-                f"{self.source}: depth is {short(deepest, 'm')} at most, more than {' and than '.join(bounds)}; memory is reserved "
-                "for all of it within reach of the mass; state the depth that can be eroded, in metres"
+                f"{self.source}: depth is {short(deepest, 'm')} at most, more than {' and than '.join(bounds)}; "
+                "the forecast of memory counts all of it within reach of the mass; state the depth that can be eroded, in metres"
             )

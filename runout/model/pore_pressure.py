@@ -318,6 +318,8 @@ def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain, what: st
 
     Zones that hold none of it, blocks larger than it, and a pressure that is gone before gravity moves it by its thickness.
     """
+    from runout.model.scene import STANDARD_GRAVITY  # that imports this module
+
     covered = thickness > 0.0
     if isinstance(pore.ratio, RatioZones) and not (covered & (pore.ratio.zone >= 0)).any():
         yield f"{what}: pore_pressure: no zone of the ratio lies on this mass; all of it has elsewhere, {pore.ratio.elsewhere:g}"
@@ -331,7 +333,7 @@ def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain, what: st
             )
     deepest = float(thickness.max(initial=0.0))
     drained = pore.decay_time if pore.decay_time is not None else deepest**2 / (pore.diffusivity or math.inf)
-    falling = math.sqrt(2.0 * deepest / 9.81)
+    falling = math.sqrt(2.0 * deepest / STANDARD_GRAVITY)
     if 0.0 < drained < 0.1 * falling:
         key = "decay_time" if pore.decay_time is not None else "diffusivity"
         yield (

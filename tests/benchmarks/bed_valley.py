@@ -91,26 +91,26 @@ def main() -> None:
     parser.add_argument("--end", type=float, default=END, help="simulated time [s]")
     parser.add_argument("--repeat", type=int, default=3, help="pairs of each scene")
     parser.add_argument("--json", help="file for the numbers")
-    given = parser.parse_args()
-    choices = {"backend": given.backend, "device": given.device, "threads": given.threads}
+    options = parser.parse_args()
+    choices = {"backend": options.backend, "device": options.device, "threads": options.threads}
     watch, runs = Watch(), []
     for owner, name in ((ErodingBed, "update"), (Run, "go")):
         watch.wrap(owner, name)
     for depth in (0.0, BED):
-        measure(watch, given.scenes[0], depth, 5.0, choices)  # compiles
+        measure(watch, options.scenes[0], depth, 5.0, choices)  # compiles
     print("        scene  bed particles born m3   reach m substeps   ends s   time s share %")
-    for scene in given.scenes:
+    for scene in options.scenes:
         ratios = []
-        for turn in range(given.repeat):
-            pair = {d: measure(watch, scene, d, given.end, choices) for d in (0.0, BED)[:: 1 - 2 * (turn % 2)]}
+        for turn in range(options.repeat):
+            pair = {d: measure(watch, scene, d, options.end, choices) for d in (0.0, BED)[:: 1 - 2 * (turn % 2)]}
             runs += pair.values()
             ratios.append(pair[BED]["time"] / pair[0.0]["time"])
             for run in pair.values():
                 print(row_of(run), flush=True)
         print(f"{scene}: time with a bed over that without {np.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
-    if given.json:
-        record = {"version": runout.__version__, **choices, "end": given.end, "runs": runs}
-        Path(given.json).write_text(json.dumps(record, indent=1), encoding="utf-8")
+    if options.json:
+        record = {"version": runout.__version__, **choices, "end": options.end, "runs": runs}
+        Path(options.json).write_text(json.dumps(record, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -184,18 +184,24 @@ def test_check_counts_cells_without_a_depth_and_names_a_wide_range_of_the_ratio(
     assert not [warning for warning in inspect(folder).warnings if "it spans" in warning or "have no bed" in warning]
 
 
-def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
-    """The change of elevation of a member is bulking times deposit, minus release and eroded depth; its volume balances."""
-    folder = write_site(tmp_path / "site", MAPPED + "observations: {difference: {raster: inputs/dod.tif}}\n")
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Results of an ensemble with a bed, two members."""
+    folder = write_site(tmp_path_factory.mktemp("bed") / "site", MAPPED + "observations: {difference: {raster: inputs/dod.tif}}\n")
     write_raster(folder / "inputs" / "dod.tif", -slab())
     assert cli.main(["run", str(folder), "--workers", "1"]) == ExitCode.OK
-    members = xr.open_dataset(folder / "results" / "members.nc")
+    return folder / "results"
+
+
+def test_changes_of_elevation_balance_and_maps_are_those_of_the_members(results):
+    """The change of elevation of a member is bulking times deposit, minus release and eroded depth; its volume balances."""
+    members = xr.open_dataset(results / "members.nc")
     eroded, change, deposit = (members[name].values for name in ("eroded_depth", "elevation_change", "deposit_thickness"))
     assert eroded.max() > 0.1
     np.testing.assert_allclose(change, deposit - slab() - eroded, atol=1e-5)
     grown = slab().sum() + eroded.sum(axis=(1, 2))
     np.testing.assert_allclose(deposit.sum(axis=(1, 2)), 0.9 * grown, rtol=1e-4)
-    hazard = xr.open_dataset(folder / "results" / "hazard.nc")
+    hazard = xr.open_dataset(results / "hazard.nc")
     np.testing.assert_allclose(hazard["mean_eroded_depth"], eroded.mean(axis=0), atol=1e-6)
     np.testing.assert_allclose(hazard["mean_elevation_change"], change.mean(axis=0), atol=1e-5)
     for name, values in (("eroded_depth", eroded), ("net_erosion", -change), ("net_deposition", change)):
@@ -209,13 +215,20 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
         np.testing.assert_array_equal(low, values.min(axis=0))
         np.testing.assert_array_equal(middle, values.min(axis=0), err_msg="two members: the smaller one")
         np.testing.assert_array_equal(high, values.max(axis=0))
-    share = members["bed_share"].values
+
+
+def test_the_share_of_the_bed_integrates_to_what_the_flow_took_up(results):
+    members, hazard = (xr.open_dataset(results / name) for name in ("members.nc", "hazard.nc"))
+    eroded, deposit, share = (members[name].values for name in ("eroded_depth", "deposit_thickness", "bed_share"))
     np.testing.assert_array_equal(np.isnan(share), deposit == 0.0)
     of_bed, mass = np.nan_to_num(share * deposit).sum(axis=0), deposit.sum(axis=0)
     mean = np.where(mass > 0.0, of_bed / np.maximum(mass, 1e-30), np.nan)
     np.testing.assert_allclose(hazard["mean_bed_share"], mean, atol=1e-5)
     np.testing.assert_allclose(np.nan_to_num(share * deposit).sum(axis=(1, 2)), 0.9 * eroded.sum(axis=(1, 2)), rtol=1e-3)
-    maps = folder / "results" / "maps"
+
+
+def test_rasters_and_report_of_an_ensemble_with_a_bed_show_its_changes(results):
+    maps = results / "maps"
     layers = ("mean_eroded_depth", "mean_elevation_change", "mean_bed_share", "net_erosion_exceedance_probability_over_0.1")
     for name in (*layers, "elevation_change_percentile_5", "eroded_depth_percentile_95", "peak_net_deposition"):
         assert list(maps.rglob(f"{name}.tif")), name
@@ -224,14 +237,18 @@ def test_ensemble_with_a_bed_makes_maps_and_scores(tmp_path):
     assert len(scales) == 1, "one scale for all maps of the change of elevation"
     edges = re.findall(r'<item value="([-.e0-9]+)"', *scales)
     assert float(edges[0]) == -float(edges[-1]) < 0.0
-    page = (folder / "results" / "report.html").read_text()
+    page = (results / "report.html").read_text()
     assert "volume of the bed that the flow took up" in page
     assert "The bed is eroded at the rate of an empirical law" in page
     assert "takes up no bed" not in page
-    study = read_study(folder / "results")
-    (change,) = [sheet for sheet in sheets.printed_sheets(study) if sheet.title.startswith("Change of elevation")]
+    (change,) = [sheet for sheet in sheets.printed_sheets(read_study(results)) if sheet.title.startswith("Change of elevation")]
     assert change.top > 0.0
     assert change.style == "difference"
+
+
+def test_volumes_of_an_ensemble_with_a_bed_balance_in_members_and_key_figures(results):
+    study, members = read_study(results), xr.open_dataset(results / "members.nc")
+    eroded, page = members["eroded_depth"].values, (results / "report.html").read_text()
     figures = {name: study.valid[name].to_numpy() for name in VOLUMES}
     np.testing.assert_allclose(figures["released_volume"], slab().sum() * CELL**2, rtol=1e-5)
     np.testing.assert_allclose(figures["eroded_volume"], eroded.sum(axis=(1, 2)) * CELL**2, rtol=1e-5)

@@ -378,10 +378,9 @@ class Batch:
         self.report.cached_ledger = None
         with self._at_rest():
             parts = self.parts
-        self.present[list(scenes)] = False
-        peaks = parts.status.peaks.numpy()
-        peaks[list(scenes)] = 0.0
-        with self._on_device():
+            self.present[list(scenes)] = False
+            peaks = parts.status.peaks.numpy()
+            peaks[list(scenes)] = 0.0
             parts.status.peaks.assign(peaks)
             gone = wp.array((~self.present).astype(np.int32), dtype=wp.int32)
             run(parts.k.leave, parts.store.n, parts.store.group, parts.index.block_group, gone)

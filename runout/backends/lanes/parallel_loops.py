@@ -96,8 +96,8 @@ def in_shares(typing: Any, count: Any, body: Any, arguments: Any) -> Any:
         divider = _divider()
         context.add_linking_libs((divider.library,))
         indices = context.cast(builder, args[0], sig.args[0], types.intp)
-        given = [indices, builder.ptrtoint(share, WORD), builder.ptrtoint(struct, WORD)]
-        context.call_internal_no_propagate(builder, divider.fndesc, types.void(*ADDRESSES), given)
+        addresses = [indices, builder.ptrtoint(share, WORD), builder.ptrtoint(struct, WORD)]
+        context.call_internal_no_propagate(builder, divider.fndesc, types.void(*ADDRESSES), addresses)
         return context.get_dummy_value()
 
     return types.void(count, body, arguments), emit
@@ -111,11 +111,11 @@ def without_parallel_loops(function: FunctionType, key: str) -> tuple[FunctionTy
     names, code = _taken_apart(function)
     scope = dict(function.__globals__)
     exec(code, scope)
-    made, *bodies = (scope[name] for name in names)
-    made.__module__ = function.__module__
+    kernel, *bodies = (scope[name] for name in names)
+    kernel.__module__ = function.__module__
     for body in bodies:
         body.__module__, body.__qualname__ = function.__module__, f"{body.__name__}_{key}"
-    return made, bodies
+    return kernel, bodies
 
 
 @cache
@@ -146,13 +146,16 @@ class _Loops(ast.NodeTransformer):
         own, index = _names([loop], ast.Store), _names([loop.target], ast.Store)
         if shared := (_read_first(loop.body) - index) & own & self.known | (own & self.read) - self.known:
             raise SyntaxError(f"{self.kernel.name}: a parallel loop sets {', '.join(sorted(shared))}, which is used outside of it")
-        name, taken = f"{self.kernel.name}_loop_{len(self.bodies) + 1}", sorted((_names(loop.body, ast.Load) & self.known) - own)
-        head = f"def {name}({', '.join(['first_index', 'end_index', *taken])}):\n"
+        name, arguments = (
+            f"{self.kernel.name}_loop_{len(self.bodies) + 1}",
+            sorted((_names(loop.body, ast.Load) & self.known) - own),
+        )
+        head = f"def {name}({', '.join(['first_index', 'end_index', *arguments])}):\n"
         body: Any = ast.parse(f"{head}    for _ in range(first_index, end_index):\n        pass").body[0]
         ast.increment_lineno(body, loop.lineno - 1)
         body.body[0].target, body.body[0].body = loop.target, loop.body
         self.bodies.append(body)
-        call: Any = ast.parse(f"in_shares(0, {name}, ({''.join(f'{t}, ' for t in taken)}))").body[0]
+        call: Any = ast.parse(f"in_shares(0, {name}, ({''.join(f'{a}, ' for a in arguments)}))").body[0]
         ast.increment_lineno(call, loop.lineno - 1)
         call.value.args[0] = loop.iter.args[0]  # type: ignore[attr-defined]
         return call
