@@ -41,31 +41,18 @@ def one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Emulator:
-    """Predicts a scalar of a member from its point in the cube.
+    """Predicts a scalar of a member from its point in the cube."""
 
-    Attributes
-    ----------
-    points : ndarray (members, parameters)
-        Coordinates of the members in the cube.
-    values : ndarray (members,)
-        The scalar of each.
-    centre, scale : float
-        Mean and standard deviation of the values, which the process does not see.
-    process : sklearn.gaussian_process.GaussianProcessRegressor
-        Of the standardised values.
-    residuals : ndarray (members,)
-        Value minus prediction of each member by a process that was fitted without its eighth of the members.
-    widening : float
-        Root mean square of the residuals over their predicted standard deviation, 1 or more [1]; predicted deviations are
-        multiplied by it, since those of few members are too small.
-    """
-
-    points: np.ndarray
-    values: np.ndarray
+    points: np.ndarray  # (members, parameters): coordinates of the members in the cube
+    values: np.ndarray  # (members,): the scalar of each
+    # centre, scale: mean and standard deviation of the values, which the process does not see
     centre: float
     scale: float
-    process: Any
+    process: Any  # of the standardised values
+    # (members,): value minus prediction of each member by a process that was fitted without its eighth of the members
     residuals: np.ndarray
+    # root mean square of the residuals over their predicted standard deviation, 1 or more [1]; predicted deviations are multiplied
+    # by it, since those of few members are too small
     widening: float
 
     @classmethod

@@ -19,27 +19,17 @@ OF_EVENT = ": "  # between the name of an event and that of its own parameter
 
 @dataclass(frozen=True)
 class JointPrior:
-    """Parameters of several events in one cube.
+    """Parameters of several events in one cube."""
 
-    Attributes
-    ----------
-    prior : Prior
-        Shared parameters under their names, then those of single events as ``EVENT: NAME``.
-    axes : dict of str to list of int
-        By event, the axes of the joint cube that its own parameters have, in the order of its own prior.
-    """
-
-    prior: Prior
-    axes: dict[str, list[int]]
+    prior: Prior  # shared parameters under their names, then those of single events as ``EVENT: NAME``
+    axes: dict[str, list[int]]  # by event, the axes of the joint cube that its own parameters have, in the order of its own prior
 
     @classmethod
     def of(cls, priors: Mapping[str, Prior], own: Sequence[str] = ()) -> "JointPrior":
         """The joint prior of events by name; parameters named in ``own`` are not shared.
 
-        Raises
-        ------
-        ConfigError
-            If an event lacks a shared parameter, states another distribution of it, or nothing is shared; all faults at once.
+        Raises ConfigError if an event lacks a shared parameter, states another distribution of it, or nothing is shared; all
+        faults at once.
         """
         names = list(dict.fromkeys(name for prior in priors.values() for name in prior.names))
         shared = [name for name in names if name not in own]
@@ -87,21 +77,11 @@ def _words(distribution: Any) -> str:
 
 @dataclass(frozen=True)
 class JointLikelihood:
-    """Probability density of the observed scalars of all events.
+    """Probability density of the observed scalars of all events."""
 
-    Attributes
-    ----------
-    prior : Prior
-        Of the joint cube.
-    events : mapping of str to Likelihood
-        That of each event by name.
-    axes : mapping of str to list of int
-        See :class:`JointPrior`.
-    """
-
-    prior: Prior
-    events: Mapping[str, Likelihood]
-    axes: Mapping[str, Sequence[int]]
+    prior: Prior  # of the joint cube
+    events: Mapping[str, Likelihood]  # that of each event by name
+    axes: Mapping[str, Sequence[int]]  # see :class:`JointPrior`
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         """Log density (n,) at points (n, parameters); minus infinity outside of the cube."""

@@ -29,23 +29,12 @@ Scalars = dict[str, float]
 
 @dataclass(frozen=True)
 class Kind:
-    """Unit and default standard error of a kind of scalar.
+    """Unit and default standard error of a kind of scalar."""
 
-    Attributes
-    ----------
-    units : str
-        UDUNITS unit.
-    relative : float
-        Standard error over the observed value [1]; 0 where it is a cell of the grid.
-    meaning : str
-    least_q2 : float
-        Held-out Q2 of the emulator below which a scalar does not count [1].
-    """
-
-    units: str
-    relative: float
+    units: str  # UDUNITS unit
+    relative: float  # standard error over the observed value [1]; 0 where it is a cell of the grid
     meaning: str
-    least_q2: float = LEAST_Q2
+    least_q2: float = LEAST_Q2  # held-out Q2 of the emulator below which a scalar does not count [1]
 
 
 KINDS = {
@@ -88,22 +77,12 @@ def kind_of(name: str) -> Kind:
 
 @dataclass(frozen=True)
 class Measure:
-    """Measures scalars on the cells of observations.
-
-    Attributes
-    ----------
-    observed : Observations
-    reach : Reach
-        Distance of the cells from the release.
-    threshold : float
-        Thickness [m] that bounds the area of a modelled flow or deposit.
-    parts : OutlineParts or None
-        Parts of the outline, whose distances take the place of its area: their sum is that of the area; None for the area.
-    """
+    """Measures scalars on the cells of observations."""
 
     observed: Observations
-    reach: Reach
-    threshold: float
+    reach: Reach  # distance of the cells from the release
+    threshold: float  # thickness [m] that bounds the area of a modelled flow or deposit
+    # parts of the outline, whose distances take the place of its area: their sum is that of the area; None for the area
     parts: OutlineParts | None = None
 
     @classmethod
@@ -205,19 +184,10 @@ def observed_scalars(values: Scalars, cell: float) -> list[ObservedScalar]:
 def with_errors(scalars: Sequence[ObservedScalar], errors: Sequence[str], without: Sequence[str]) -> list[ObservedScalar]:
     """Scalars with stated standard errors, less those that are left out.
 
-    Parameters
-    ----------
-    scalars : sequence of ObservedScalar
-    errors : sequence of str
-        ``NAME=ERROR`` with a name or its first parts (``outline.area``, ``gauges.speed``, ``deposit``), and a standard error in
-        percent of the observed value (``5%``) or in the unit of the scalar (``30``).
-    without : sequence of str
-        Names, or their first parts, of scalars that do not count.
-
-    Raises
-    ------
-    ConfigError
-        If a name is not among the scalars, an error is no number above 0, or nothing is left.
+    ``errors``: ``NAME=ERROR`` with a name or its first parts (``outline.area``, ``gauges.speed``, ``deposit``), and a standard
+    error in percent of the observed value (``5%``) or in the unit of the scalar (``30``). ``without``: names, or their first
+    parts, of scalars that do not count. Raises ConfigError if a name is not among the scalars, an error is no number above 0, or
+    nothing is left.
     """
     by_name = {one.name: one for one in scalars}
     for text in errors:

@@ -21,24 +21,12 @@ STEPS = 64  # points along each part, from which the distances of cells are take
 
 @dataclass(frozen=True)
 class OutlineParts:
-    """Parts of an observed outline on the cells of a grid.
+    """Parts of an observed outline on the cells of a grid."""
 
-    Attributes
-    ----------
-    nearest : ndarray (rows, columns) of int
-        Part that each cell belongs to, from 0.
-    observed : ndarray (rows, columns)
-        Share of each cell inside the outline [1].
-    length : float
-        Length of each part [m].
-    cell_area : float
-        [m2]
-    """
-
-    nearest: np.ndarray
-    observed: np.ndarray
-    length: float
-    cell_area: float
+    nearest: np.ndarray  # (rows, columns) of int: part that each cell belongs to, from 0
+    observed: np.ndarray  # (rows, columns): share of each cell inside the outline [1]
+    length: float  # length of each part [m]
+    cell_area: float  # [m2]
 
     @classmethod
     def of(cls, outline: Any, observed: np.ndarray, reach: "Reach") -> "OutlineParts":

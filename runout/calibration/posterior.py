@@ -39,21 +39,12 @@ class Density(Protocol):
 
 @dataclass(frozen=True)
 class GridError:
-    """Error of the grid as coarse-fine pairs show it: the fine grid at a point acts like the coarse grid beside it.
+    """Error of the grid as coarse-fine pairs show it: the fine grid at a point acts like the coarse grid beside it."""
 
-    Attributes
-    ----------
-    offset : ndarray (parameters,)
-        Step in the cube from a point to the point at which the coarse grid gives what the fine one gives here.
-    covariance : ndarray (scalars, scalars)
-        Of what remains.
-    pairs : int
-        Number of pairs.
-    """
-
+    # (parameters,): step in the cube from a point to the point at which the coarse grid gives what the fine one gives here
     offset: np.ndarray
-    covariance: np.ndarray
-    pairs: int
+    covariance: np.ndarray  # (scalars, scalars): of what remains
+    pairs: int  # number of pairs
 
 
 @dataclass(frozen=True)
@@ -62,19 +53,11 @@ class Likelihood:
 
     Normal, with the squares of the standard errors on the diagonal, and the errors of the emulators with the correlation of their
     residuals; log density up to a constant.
-
-    Attributes
-    ----------
-    prior : Prior
-    emulators : tuple of Emulator
-        One for each scalar.
-    observed, errors : ndarray (scalars,)
-        Values and their standard errors.
-    grid_error : GridError or None
     """
 
     prior: Prior
-    emulators: tuple[Emulator, ...]
+    emulators: tuple[Emulator, ...]  # one for each scalar
+    # observed, errors (scalars,): values and their standard errors
     observed: np.ndarray
     errors: np.ndarray
     grid_error: GridError | None = None
@@ -121,23 +104,12 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Sample of the posterior.
-
-    Attributes
-    ----------
-    prior : Prior
-    points : ndarray (n, parameters)
-        Equally weighted points of the cube.
-    effective : float
-        Number of independent points that are as certain.
-    converged : bool
-        Whether the chain is 20 times as long as its autocorrelation time.
-    """
+    """Sample of the posterior."""
 
     prior: Prior
-    points: np.ndarray
-    effective: float
-    converged: bool
+    points: np.ndarray  # (n, parameters): equally weighted points of the cube
+    effective: float  # number of independent points that are as certain
+    converged: bool  # whether the chain is 20 times as long as its autocorrelation time
 
     @property
     def values(self) -> np.ndarray:
@@ -267,11 +239,7 @@ def _starts(likelihood: Density, count: int, state: np.random.RandomState) -> np
 def left_out(likelihood: Likelihood, groups: Sequence[str], seed: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Predicted mean and standard deviation, with the standard error, of the scalars of each group from all other groups.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-    groups : sequence of str
-        Group of each scalar.
+    ``groups``: group of each scalar.
     """
     predicted = {}
     for group in dict.fromkeys(groups):

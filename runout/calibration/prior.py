@@ -20,23 +20,15 @@ class Prior:
     """Sampled parameters with their distributions, which are independent of each other.
 
     In the cube the prior density is 1, whatever the distributions are. A discrete value has the middle of its step.
-
-    Attributes
-    ----------
-    distributions : mapping of str to distribution
-        By the names of the parameters, in the order of the axes of the cube.
     """
 
-    distributions: Mapping[str, Any]
+    distributions: Mapping[str, Any]  # by the names of the parameters, in the order of the axes of the cube
 
     @classmethod
     def of(cls, site: "Site") -> "Prior":
         """The prior of a site.
 
-        Raises
-        ------
-        ConfigError
-            If the site samples no parameter, or its members are those of scenarios.
+        Raises ConfigError if the site samples no parameter, or its members are those of scenarios.
         """
         if site.settings.ensemble.scenarios:
             fix = "remove them for this command; the rest of ensemble.parameters is sampled then"

@@ -17,26 +17,16 @@ INTERVAL = (5.0, 95.0)  # percentiles
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Shares of the variance of a scalar.
+    """Shares of the variance of a scalar."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters.
-    first, total : ndarray (parameters,)
-        Share of the variance by a parameter alone, and with all its interactions [1].
-    first_interval, total_interval : ndarray (2, parameters)
-        5 and 95 %: uncertainty of the emulator and of the sum over its points.
-    unexplained : float
-        Share of the variance of the members that no parameter explains [1].
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # parameters
+    # first, total (parameters,): share of the variance by a parameter alone, and with all its interactions [1]
     first: np.ndarray
     total: np.ndarray
+    # first_interval, total_interval (2, parameters): 5 and 95 %: uncertainty of the emulator and of the sum over its points
     first_interval: np.ndarray
     total_interval: np.ndarray
-    unexplained: float
+    unexplained: float  # share of the variance of the members that no parameter explains [1]
 
     def stored(self) -> dict[str, Any]:
         """Values for JSON, by parameter."""

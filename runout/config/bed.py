@@ -141,10 +141,7 @@ def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[
 def read_bed(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Bed | None":
     """The bed of a site on its terrain, without sampled parameters; None if site.yaml states none.
 
-    Raises
-    ------
-    InputError
-        With line and key of site.yaml, if a file cannot be used.
+    Raises InputError with line and key of site.yaml, if a file cannot be used.
     """
     bed = settings.bed
     if bed is None or bed.depth is None or bed.erosion is None:

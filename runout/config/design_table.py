@@ -21,21 +21,13 @@ LARGEST = 32 * 2**20  # [bytes]
 
 @dataclass(frozen=True)
 class DesignTable:
-    """Members as a table states them.
+    """Members as a table states them."""
 
-    Attributes
-    ----------
-    parameters : dict of str to list of float
-        Values (members,) in the units of site.yaml; NaN where the member has the value of the site.
-    columns : dict of str to list of float
-        Of ``weight`` [1], ``annual_rate`` [1/a] and ``seed``, those that are stated.
-    scenarios : list of str
-        Scenario of each member; empty if the table has none.
-    """
-
+    # values (members,) in the units of site.yaml; NaN where the member has the value of the site
     parameters: dict[str, list[float]]
+    # of ``weight`` [1], ``annual_rate`` [1/a] and ``seed``, those that are stated
     columns: dict[str, list[float]] = field(default_factory=dict)
-    scenarios: list[str] = field(default_factory=list)
+    scenarios: list[str] = field(default_factory=list)  # scenario of each member; empty if the table has none
 
     @property
     def size(self) -> int:

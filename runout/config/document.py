@@ -19,27 +19,13 @@ SHOWN = 400  # characters; longer messages are shortened
 
 @dataclass
 class Document:
-    """Content of a YAML file.
+    """Content of a YAML file."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the file, for messages.
-    values : Any
-        Plain dicts, lists, numbers and text.
-    lines : dict
-        Line (from 1) of every key and list item, by its location.
-    problems : list of Problem
-        What is wrong with the file as YAML: syntax, duplicate keys.
-    options : set
-        Locations that the command line set (:mod:`runout.config.set_values`).
-    """
-
-    name: str
-    values: Any = None
-    lines: dict[Location, int] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
-    options: set[Location] = field(default_factory=set)
+    name: str  # name of the file, for messages
+    values: Any = None  # plain dicts, lists, numbers and text
+    lines: dict[Location, int] = field(default_factory=dict)  # line (from 1) of every key and list item, by its location
+    problems: list[Problem] = field(default_factory=list)  # what is wrong with the file as YAML: syntax, duplicate keys
+    options: set[Location] = field(default_factory=set)  # locations that the command line set (:mod:`runout.config.set_values`)
 
     def line(self, location: Location) -> int:
         """Line of a location; if the file does not contain it, the line of the innermost block that it contains."""

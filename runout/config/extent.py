@@ -39,18 +39,10 @@ EDGE_POINTS = 21  # points per edge of an extent that is transformed
 
 @dataclass(frozen=True)
 class DerivedExtent:
-    """Extent that contains the area within reach of the masses of a site.
+    """Extent that contains the area within reach of the masses of a site."""
 
-    Attributes
-    ----------
-    edges : tuple of float
-        West, south, east and north, in the coordinates of the elevation raster's file.
-    sentence : str
-        How the extent was derived, for log and record.
-    """
-
-    edges: Bounds
-    sentence: str
+    edges: Bounds  # west, south, east and north, in the coordinates of the elevation raster's file
+    sentence: str  # how the extent was derived, for log and record
 
 
 def known_extent(files: "SiteFiles") -> DerivedExtent | None:
@@ -72,17 +64,9 @@ def known_extent(files: "SiteFiles") -> DerivedExtent | None:
 def needed_extent(settings: "SiteSettings", file: Path, largest: int | None = None) -> DerivedExtent | None:
     """Extent of the elevation raster of a site.yaml that no mass leaves; None if the raster is read as a whole.
 
-    Parameters
-    ----------
-    largest : int, optional
-        Cells of the largest raster that is read as a whole; by default :data:`LARGEST_WHOLE`.
-
-    Raises
-    ------
-    DemError
-        If the raster is huge and its extent cannot be derived, or the derived extent is too large.
-    InputError
-        If an input cannot be used.
+    ``largest``: cells of the largest raster that is read as a whole; by default :data:`LARGEST_WHOLE`. Raises DemError if the
+    raster is huge and its extent cannot be derived, or the derived extent is too large. Raises InputError if an input cannot be
+    used.
     """
     from runout.terrain.read import read_header
 
@@ -110,10 +94,7 @@ def extent_around(dem: Path | str, release: Path, crs: str | None = None) -> Bou
 
     ``crs`` is the system of a raster that states none.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be used.
+    Raises InputError if a file cannot be used.
     """
     from runout.terrain.read import read_header
 

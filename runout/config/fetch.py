@@ -32,19 +32,9 @@ REDIRECTS = (301, 302, 303, 307, 308)
 def locate(source: str | RemoteFile, folder: Path) -> str | Path:
     """Path of an input; for one raster of several in a file its GDAL name with that path; the name of a sample is not changed.
 
-    Parameters
-    ----------
-    source : str or RemoteFile
-        Path relative to ``folder``, ``NETCDF:"PATH":VARIABLE`` and the like, ``matplotlib:NAME``, or a public file.
-    folder : Path
-        Folder of the site.
-
-    Raises
-    ------
-    InputError
-        If a public file does not have the stated size and checksum; if a file on this machine is a pipe, a device or empty.
-    StorageError
-        If it cannot be fetched or the cache cannot be written.
+    ``source``: path relative to ``folder``, ``NETCDF:"PATH":VARIABLE`` and the like, ``matplotlib:NAME``, or a public file.
+    ``folder``: folder of the site. Raises InputError if a public file does not have the stated size and checksum; if a file on
+    this machine is a pipe, a device or empty. Raises StorageError if it cannot be fetched or the cache cannot be written.
     """
     if isinstance(source, RemoteFile):
         return fetch(source)
@@ -165,22 +155,10 @@ def _get_copy(remote: RemoteFile, target: Path) -> str:
 def download(url: str, size: int, target: Path) -> None:
     """Download a file to ``target``; after an error, an incomplete file may remain.
 
-    Parameters
-    ----------
-    url : str
-        Address; it and all redirections must begin with https.
-    size : int
-        Stated size of the file [bytes]; the download stops as soon as the server sends more.
-    target : Path
-
-    Raises
-    ------
-    InputError
-        If the server sends another size, redirects too often or away from https.
-    StorageError
-        If the download takes too long.
-    requests.exceptions.RequestException, OSError
-        If the server does not answer or the file cannot be written.
+    ``url``: address; it and all redirections must begin with https. ``size``: stated size of the file [bytes]; the download stops
+    as soon as the server sends more. Raises InputError if the server sends another size, redirects too often or away from https.
+    Raises StorageError if the download takes too long. Raises requests.exceptions.RequestException or OSError if the server does
+    not answer or the file cannot be written.
     """
     import requests
 

@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 def read_elevations(settings: SiteSettings, file: Path, extent: Sequence[float] | None) -> "Terrain":
     """Elevations without obstacles within an extent (west, south, east, north), or of the whole raster if it is None.
 
-    Raises
-    ------
-    DemError
-        If they cannot be used.
+    Raises DemError if they cannot be used.
     """
     with stated_at(file, "terrain", "dem"):
         return _elevations(settings, file, extent)
@@ -53,10 +50,7 @@ def _elevations(settings: SiteSettings, file: Path, extent: Sequence[float] | No
 def build_obstacles(settings: SiteSettings, file: Path, terrain: "Terrain") -> "tuple[Terrain, list[Obstacles]]":
     """The terrain with the obstacles on it, and the obstacles of each file.
 
-    Raises
-    ------
-    DemError
-        If obstacles cannot be used.
+    Raises DemError if obstacles cannot be used.
     """
     from runout.terrain.obstacles import build
 
@@ -71,10 +65,7 @@ def build_obstacles(settings: SiteSettings, file: Path, terrain: "Terrain") -> "
 def read_zones(settings: SiteSettings, file: Path, terrain: "Terrain") -> "FrictionZones | None":
     """The friction zones and rasters on the terrain; None if site.yaml states none.
 
-    Raises
-    ------
-    ZoneError
-        If zones cannot be used.
+    Raises ZoneError if zones cannot be used.
     """
     rasters, entries = settings.terrain.friction_rasters, settings.terrain.friction_zones or []
     if not entries and not rasters:

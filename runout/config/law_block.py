@@ -24,12 +24,7 @@ AnyLaw = TypeVar("AnyLaw", Law, FrictionLaw, ErosionLaw)
 class LawBlock(Generic[AnyLaw]):
     """Settings of the laws of a registry.
 
-    Parameters
-    ----------
-    registry : Registry
-    default : str
-        Law of a block that names none.
-    base : type of LawSettings
+    ``default``: law of a block that names none.
     """
 
     def __init__(self, registry: Registry[AnyLaw], default: str, base: "type[LawSettings]"):

@@ -9,10 +9,7 @@ from runout.model.limits import spacing_of
 def on_device(settings: SimulationSettings, device: str) -> SimulationSettings:
     """The settings with another device: "cpu", "cuda:N", "cuda" or "auto" (GPUs if there are any, else the CPU).
 
-    Raises
-    ------
-    DeviceError
-        If there is no such device; the message lists the devices of the machine.
+    Raises DeviceError if there is no such device; the message lists the devices of the machine.
     """
     from runout.backends.protocol import find_device
 
@@ -25,10 +22,7 @@ def on_device(settings: SimulationSettings, device: str) -> SimulationSettings:
 def with_cell_size(settings: SimulationSettings, cell_size: Sequence[float]) -> SimulationSettings:
     """The settings with another grid spacing [m], one number or three; cfl stays as it is.
 
-    Raises
-    ------
-    ConfigError
-        If the spacing is out of range.
+    Raises ConfigError if the spacing is out of range.
     """
     east, north, up = spacing_of(tuple(cell_size))  # type: ignore[arg-type]
     return settings.model_copy(update={"cell_size": east if len(cell_size) == 1 else [east, north, up]})

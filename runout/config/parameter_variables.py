@@ -19,10 +19,7 @@ def parameter_variable(name: str) -> Variable:
 
     A parameter of one release (:mod:`runout.config.release_laws`) has the unit of that parameter.
 
-    Raises
-    ------
-    ConfigError
-        If there is none.
+    Raises ConfigError if there is none.
     """
     if valid := release_start.own_range(name):
         return Variable(udunits(valid.unit), release_start.words_of(name), dtype="float64")

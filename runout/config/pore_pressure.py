@@ -119,10 +119,7 @@ class PorePressureSettings(Settings):
 def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "PorePressure":
     """The pore pressure that a site.yaml ``file`` states for a release on a terrain.
 
-    Raises
-    ------
-    InputError
-        If a raster of ratios cannot be used.
+    Raises InputError if a raster of ratios cannot be used.
     """
     from runout.model.pore_pressure import PorePressure, RatioBlocks
 

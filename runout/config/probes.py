@@ -65,10 +65,7 @@ PROBES = quantity(
 def read_probes(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Probes | None":
     """The probes on a terrain; None if site.yaml states none.
 
-    Raises
-    ------
-    ConfigError
-        With all problems of points and lines, each with its line of site.yaml.
+    Raises ConfigError with all problems of points and lines, each with its line of site.yaml.
     """
     from runout.io import probe_layers
 
@@ -124,10 +121,7 @@ def probe_settings(
 ) -> ProbeSettings:
     """Settings of probes from files of the command line; paths inside the site folder are named relative to it.
 
-    Raises
-    ------
-    ConfigError
-        If a file does not exist, a layer has no file, or the interval is not above 0.
+    Raises ConfigError if a file does not exist, a layer has no file, or the interval is not above 0.
     """
     from runout.config.read import nearest_file
 

@@ -27,27 +27,13 @@ CHECKED = {"primary": "checked", "secondary": "cited from another work", "memory
 
 @dataclass(frozen=True)
 class PublishedRange:
-    """Published values of a parameter that an ensemble may sample.
+    """Published values of a parameter that an ensemble may sample."""
 
-    Attributes
-    ----------
-    key : str
-        Of the parameter in ``ensemble.parameters``.
-    values : list of float
-        Smallest, typical and largest value, or one value; in the unit of the parameter.
-    source : str
-        Publications, and what each states.
-    checked : str
-        Whether the numbers were checked in the source: a key of :data:`CHECKED`.
-    events : int or str
-        Number of events or experiments behind the values; empty if it is not known.
-    """
-
-    key: str
-    values: list[float]
-    source: str
-    checked: str
-    events: int | str = ""
+    key: str  # of the parameter in ``ensemble.parameters``
+    values: list[float]  # smallest, typical and largest value, or one value; in the unit of the parameter
+    source: str  # publications, and what each states
+    checked: str  # whether the numbers were checked in the source: a key of :data:`CHECKED`
+    events: int | str = ""  # number of events or experiments behind the values; empty if it is not known
 
     @property
     def typical(self) -> float:
@@ -135,10 +121,7 @@ class Process:
 def process_named(name: str) -> Process:
     """The process of a name.
 
-    Raises
-    ------
-    InputError
-        If there is no such process; the message names all.
+    Raises InputError if there is no such process; the message names all.
     """
     if name not in processes():
         raise InputError(f"--process {name}: there is no such process; choose one of {', '.join(processes())}")

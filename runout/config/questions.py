@@ -20,10 +20,7 @@ def with_answers(tokens: Sequence[str]) -> list[str]:
 
     Other arguments stay as they are, and so do these where standard input or standard error is no terminal.
 
-    Raises
-    ------
-    InputError
-        If the input ends before the last answer.
+    Raises InputError if the input ends before the last answer.
     """
     arguments = [token for token in tokens[1:] if not token.startswith("-")]
     asks = list(tokens[:1]) == ["new"] and len(tokens) == 1 + len(arguments) <= 2 and sys.stdin.isatty() and sys.stderr.isatty()

@@ -47,11 +47,8 @@ MOST_NAMES, LONGEST_NAME = 1000, 255  # names of a folder that are compared with
 def load(path: Path | str, changes: Sequence[str] = ()) -> SiteSettings:
     """Settings of a site.yaml (or of the folder that holds one), with ``changes`` of the command line.
 
-    Raises
-    ------
-    ConfigError
-        With all problems of the file: YAML syntax, unknown, repeated or missing keys, wrong types, values out of range,
-        keys that contradict each other, input files that do not exist.
+    Raises ConfigError with all problems of the file: YAML syntax, unknown, repeated or missing keys, wrong types, values out of
+    range, keys that contradict each other, input files that do not exist.
     """
     file = site_file(path)
     return checked(changed_document(file, changes), file.parent)

@@ -120,10 +120,7 @@ class OwnLaws:
     def under(self, releases: "Sequence[Mass]", sample: Mapping[str, float]) -> "list[Mass]":
         """The releases or inflows with the materials and frictions of a member; one that has none of its own stays as it is.
 
-        Raises
-        ------
-        MaterialError, ConfigError
-            If parameters of a member make no material or friction.
+        Raises MaterialError or ConfigError if parameters of a member make no material or friction.
         """
         friction = SiteFriction(self.settings)
         masses, made = friction.masses, []

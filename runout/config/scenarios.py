@@ -116,10 +116,7 @@ class ScenarioSettings(Settings):
 def scenario_rates(scenarios: Sequence[ScenarioSettings]) -> list[float]:
     """Annual rate [1/a] of each scenario.
 
-    Raises
-    ------
-    ConfigError
-        If return periods of exceedance do not rise within scenarios of the same releases.
+    Raises ConfigError if return periods of exceedance do not rise within scenarios of the same releases.
     """
     rates = []
     for k, one in enumerate(scenarios):

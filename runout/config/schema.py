@@ -411,10 +411,7 @@ class EnsembleSettings(Settings):
     def rows(self) -> DesignTable | None:
         """Members of the table; None without a table.
 
-        Raises
-        ------
-        ConfigError
-            If the table was not read: :func:`runout.config.read.load` does that.
+        Raises ConfigError if the table was not read: :func:`runout.config.read.load` does that.
         """
         if self.table is not None and self._rows is None:
             raise ConfigError(f"ensemble.table: {self.table} was not read; read the site with runout.config.site.read_site")

@@ -135,20 +135,14 @@ class SiteFiles:
     def paths(self, *parts: str) -> list[Path]:
         """Files of some parts with their side files, without site.yaml; by default those that members depend on.
 
-        Raises
-        ------
-        InputError, StorageError
-            If a public file cannot be downloaded or has another checksum than stated.
+        Raises InputError or StorageError if a public file cannot be downloaded or has another checksum than stated.
         """
         return list(dict.fromkeys(path for part in parts or OF_MEMBERS for path in self._watch(part).seen))
 
     def checksums(self, *parts: str) -> list[str]:
         """Checksums of the contents of :meth:`paths`.
 
-        Raises
-        ------
-        InputError, StorageError
-            If an input cannot be read.
+        Raises InputError or StorageError if an input cannot be read.
         """
         return [self._checksum(path) for path in self.paths(*parts)]
 
@@ -243,10 +237,7 @@ class SiteFiles:
     def protected_areas(self) -> "dict[str, np.ndarray]":
         """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
 
-        Raises
-        ------
-        StructureError
-            With all polygons that cannot be used, or lie beyond the terrain.
+        Raises StructureError with all polygons that cannot be used, or lie beyond the terrain.
         """
         return self._on_terrain("protected", partial(read_protected_areas, self.settings, self.file))
 
@@ -268,10 +259,8 @@ def may_hold_bodies(settings: SiteSettings) -> bool:
 def sound_bodies(files: SiteFiles, spacing: tuple[float, float, float] | None) -> "Bodies":
     """Bodies of structures and overhangs, for a grid of ``spacing`` [m] if it is known.
 
-    Raises
-    ------
-    StructureError
-        With all problems: of files, placement, areas behind dams, thickness of walls, and overlaps with releases and inflows.
+    Raises StructureError with all problems: of files, placement, areas behind dams, thickness of walls, and overlaps with releases
+    and inflows.
     """
     from runout.release.inlet import mass_at
     from runout.structures.read import Bodies, require_sound

@@ -43,12 +43,8 @@ def read_each(readers: Iterable[Callable[[], T]]) -> Reading[list[T]]:
 def stated_at(file: Path, *place: str | int | Callable[[], int]) -> Iterator[None]:
     """Context that puts line and key of site.yaml before the message of an input that cannot be used.
 
-    Parameters
-    ----------
-    file : Path
-        The site.yaml.
-    *place : str, int or callable
-        Keys and list positions of the setting that names the input; functions that find a position are called for a message only.
+    ``file``: the site.yaml. ``*place``: keys and list positions of the setting that names the input; functions that find a
+    position are called for a message only.
     """
     try:
         yield

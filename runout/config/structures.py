@@ -132,10 +132,7 @@ PROTECTED = COMPUTED_WITHOUT = ("protects", "protects_layer")  # keys that chang
 def read_bodies(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Bodies":
     """Bodies of the structures, and of the overhangs of a terrain that is a mesh.
 
-    Raises
-    ------
-    StructureError
-        With all problems of all files.
+    Raises StructureError with all problems of all files.
     """
     from runout.structures import read
 
@@ -182,10 +179,7 @@ def _sources(settings: "SiteSettings", file: Path) -> "list[StructureSource]":
 def read_protected_areas(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "dict[str, np.ndarray]":
     """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
 
-    Raises
-    ------
-    StructureError
-        With all polygons that cannot be used, or lie beyond the terrain.
+    Raises StructureError with all polygons that cannot be used, or lie beyond the terrain.
     """
     areas: dict[str, np.ndarray] = {}
     problems: list[str] = []

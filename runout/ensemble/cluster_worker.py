@@ -30,49 +30,25 @@ IDLE_SECONDS = 60.0  # [s] after which the processes of a run without members en
 
 @dataclass(frozen=True)
 class Needs:
-    """What a run needs from a worker.
+    """What a run needs from a worker."""
 
-    Attributes
-    ----------
-    device : str
-        Device of the site.
-    folder : Path
-        Folder of the members' files.
-    mark : Path
-        Folder that exists as long as the run does.
-    inputs : dict of Path to int
-        Sizes of the input files [byte].
-    """
-
-    device: str
-    folder: Path
-    mark: Path
-    inputs: Mapping[Path, int]
+    device: str  # device of the site
+    folder: Path  # folder of the members' files
+    mark: Path  # folder that exists as long as the run does
+    inputs: Mapping[Path, int]  # sizes of the input files [byte]
 
 
 @dataclass(frozen=True)
 class Offer:
-    """What a worker states about itself.
+    """What a worker states about itself."""
 
-    Attributes
-    ----------
-    runout, python : str
-        Versions.
-    fault : str or None
-        Why it cannot take part; None if it can.
-    capacity : Capacity
-        Cores and memory that dask gives to the worker, and GPUs.
-    gpus : tuple of str
-        The GPUs by host and number, as workers of one host may share them.
-    sources : str
-        Checksum of the sources of runout where the offer is made.
-    """
-
+    # runout, python: versions
     runout: str
     python: str
-    fault: str | None
-    capacity: Capacity
-    gpus: tuple[str, ...] = ()
+    fault: str | None  # why it cannot take part; None if it can
+    capacity: Capacity  # cores and memory that dask gives to the worker, and GPUs
+    gpus: tuple[str, ...] = ()  # the GPUs by host and number, as workers of one host may share them
+    # checksum of the sources of runout where the offer is made
     sources: str = field(default_factory=lambda: source_code.checksums().members)
 
 
@@ -110,13 +86,7 @@ def _fault(needs: Needs) -> str | None:
 class Pool:
     """Processes of one run on this worker, one for each member at the same time, started when first needed.
 
-    Parameters
-    ----------
-    task : Task
-    share : Share
-        How members share the worker.
-    memory : int
-        Memory of the worker [byte].
+    ``share``: how members share the worker. ``memory``: memory of the worker [byte].
     """
 
     def __init__(self, task: Task, share: Share, memory: int):
@@ -211,10 +181,7 @@ def close_pool(run: str) -> None:
 def compute(run: str, group: Group) -> Done | Died:
     """Compute a group of members of a run: the task of dask.
 
-    Raises
-    ------
-    ClusterError
-        If this worker does not know the run, since dask has started it anew.
+    Raises ClusterError if this worker does not know the run, since dask has started it anew.
     """
     from distributed import get_worker
 

@@ -32,30 +32,16 @@ class Design:
     """Sampled parameters and seeds of all members.
 
     Member ``i`` depends only on the seed, the parameters and ``i``: a larger ensemble contains the members of a smaller one.
-
-    Attributes
-    ----------
-    values : dict of str to list of float
-        Values (members,) of each sampled parameter, in the unit of ``site.yaml``; NaN for that of the site. Without parameters the
-        members differ in their seed only.
-    seeds : list of int
-        Seeds (members,) of the particle sampling, 0 to 2**31 - 1.
-    weights : list of float
-        Weights (members,) of a sum of 1; empty if they are equal.
-    rates : list of float
-        Annual rates (members,) [1/a]; empty if they are not known.
-    scenarios : list of str
-        Names (members,) of their scenarios; empty without scenarios.
-    nets : bool
-        Whether the members of each scenario, or all without scenarios, are points of a Sobol net.
     """
 
+    # values (members,) of each sampled parameter, in the unit of ``site.yaml``; NaN for that of the site. Without parameters the
+    # members differ in their seed only
     values: dict[str, list[float]]
-    seeds: list[int]
-    weights: list[float] = field(default_factory=list)
-    rates: list[float] = field(default_factory=list)
-    scenarios: list[str] = field(default_factory=list)
-    nets: bool = True
+    seeds: list[int]  # seeds (members,) of the particle sampling, 0 to 2**31 - 1
+    weights: list[float] = field(default_factory=list)  # weights (members,) of a sum of 1; empty if they are equal
+    rates: list[float] = field(default_factory=list)  # annual rates (members,) [1/a]; empty if they are not known
+    scenarios: list[str] = field(default_factory=list)  # names (members,) of their scenarios; empty without scenarios
+    nets: bool = True  # whether the members of each scenario, or all without scenarios, are points of a Sobol net
 
     @classmethod
     def of(cls, ensemble: Any, members: int | None = None) -> "Design":
@@ -63,10 +49,7 @@ class Design:
 
         ``members`` takes the place of the number that ``site.yaml`` states, of ensembles without scenarios and table.
 
-        Raises
-        ------
-        ConfigError
-            If there is no member, or a distribution is not known or empty.
+        Raises ConfigError if there is no member, or a distribution is not known or empty.
         """
         count, parameters = members or ensemble.members, dict(ensemble.parameters or {})
         if count < 1:

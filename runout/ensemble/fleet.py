@@ -39,30 +39,19 @@ GIGABYTE = 1e9
 
 @dataclass(frozen=True)
 class Order:
-    """Members to compute, and how each worker of the cluster shares its machine among them.
-
-    Attributes
-    ----------
-    work : Work
-    workers, threads : int or None
-        Members at the same time on each worker of the cluster, and threads of each member, as of :func:`pack`.
-    member_bytes : float
-        Memory of the largest member [byte]; 0 if unknown.
-    """
+    """Members to compute, and how each worker of the cluster shares its machine among them."""
 
     work: Work
+    # workers, threads: members at the same time on each worker of the cluster, and threads of each member, as of :func:`pack`
     workers: int | None = None
     threads: int | None = None
-    member_bytes: float = 0.0
+    member_bytes: float = 0.0  # memory of the largest member [byte]; 0 if unknown
 
 
 def on_cluster(cluster: Cluster, order: Order, advance: Callable[[int, float], None]) -> Generator[Outcome, None, None]:
     """Outcomes of the members of an order, in the order in which they finish.
 
-    Raises
-    ------
-    ClusterError
-        If the cluster cannot be reached, no worker fits, or the connection is lost.
+    Raises ClusterError if the cluster cannot be reached, no worker fits, or the connection is lost.
     """
     work = order.work
     with part_folder(work.results / "cluster") as mark, cluster.connect(mark) as (client, replace):
@@ -200,10 +189,7 @@ class Fleet:
     def _admit(self, addresses: list[str]) -> None:
         """Take workers that can compute members into the fleet.
 
-        Raises
-        ------
-        ClusterError
-            If the cluster has workers, but none that can.
+        Raises ClusterError if the cluster has workers, but none that can.
         """
         if not addresses:
             return

@@ -32,24 +32,12 @@ NAME_LENGTH = 16  # hexadecimal digits of a key: two of a million members share 
 
 @dataclass(frozen=True)
 class Member:
-    """One scenario of an ensemble.
+    """One scenario of an ensemble."""
 
-    Attributes
-    ----------
-    number : int
-        Row of the table of members, from 0.
-    parameters : dict of str to float
-        Sampled parameters in the units of ``site.yaml``.
-    seed : int
-        Seed of the particle sampling.
-    key : str
-        Checksum of everything that its result depends on.
-    """
-
-    number: int
-    parameters: dict[str, float]
-    seed: int
-    key: str
+    number: int  # row of the table of members, from 0
+    parameters: dict[str, float]  # sampled parameters in the units of ``site.yaml``
+    seed: int  # seed of the particle sampling
+    key: str  # checksum of everything that its result depends on
 
     @property
     def name(self) -> str:
@@ -82,10 +70,7 @@ def failure_file(file: Path) -> Path:
 def plan_members(site: "Site", design: Design | None = None) -> list[Member]:
     """All members of a site with their keys; those of a ``design`` if it is stated, else of the ensemble of site.yaml.
 
-    Raises
-    ------
-    InputError
-        If an input file cannot be read.
+    Raises InputError if an input file cannot be read.
     """
     design = design or Design.of(site.settings.ensemble)
     common = _common_key(site)
@@ -229,10 +214,7 @@ def simulate_together(
 def _unwritten(files: "Sequence[tuple[int, Future[None]]]") -> dict[int, BaseException]:
     """Errors by number of members whose file the netCDF library did not write; waits for them.
 
-    Raises
-    ------
-    StorageError
-        If no file can be written, so that nothing is simulated in vain.
+    Raises StorageError if no file can be written, so that nothing is simulated in vain.
     """
     errors: dict[int, BaseException] = {}
     for number, file in files:
@@ -270,10 +252,7 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
 def member_range(text: str, members: int) -> range:
     """Members of a range ``first:end``, the end excluded; ``first:``, ``:end`` and a single number are ranges as well.
 
-    Raises
-    ------
-    ConfigError
-        If it is no range, holds no member, or reaches beyond the ``members`` of the ensemble.
+    Raises ConfigError if it is no range, holds no member, or reaches beyond the ``members`` of the ensemble.
     """
     stated = re.fullmatch(r"(\d{0,9})(:?)(\d{0,9})", text.strip(), re.ASCII)
     if not stated or not any(stated.group(1, 3)):

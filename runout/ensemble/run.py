@@ -90,28 +90,15 @@ class EnsembleReport:
 
 @dataclass(frozen=True)
 class EnsembleProgress:
-    """Progress of a run.
+    """Progress of a run."""
 
-    Attributes
-    ----------
-    finished, of : int
-        Finished members, including failed and skipped ones, and all members.
-    failed : int
-        Members that failed so far.
-    seconds : float
-        Time since the start [s].
-    remaining : float or None
-        Remaining time at the present rate [s]; None while it is unknown.
-    under_way : float
-        Sum of the fractions of the members that are running.
-    """
-
+    # finished, of: finished members, including failed and skipped ones, and all members
     finished: int
     of: int
-    failed: int
-    seconds: float
-    remaining: float | None
-    under_way: float = 0.0
+    failed: int  # members that failed so far
+    seconds: float  # time since the start [s]
+    remaining: float | None  # remaining time at the present rate [s]; None while it is unknown
+    under_way: float = 0.0  # sum of the fractions of the members that are running
 
     @property
     def fraction(self) -> float:
@@ -272,12 +259,8 @@ class _Tally:
     def collect(self, outcomes: Iterator[Outcome]) -> None:
         """Record every outcome as it arrives.
 
-        Raises
-        ------
-        DiskFullError
-            If the disk is full for a member; the next one could not be written either.
-        InputError
-            If an input has changed during the run.
+        Raises DiskFullError if the disk is full for a member; the next one could not be written either. Raises InputError if an
+        input has changed during the run.
         """
         try:
             for outcome in outcomes:

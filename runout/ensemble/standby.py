@@ -14,10 +14,7 @@ IMPORTED = ("runout.simulation.single", "runout.backends.scan.backend", "xarray"
 class Standby:
     """Context of worker processes for members on the CPU, which :meth:`take` gives away.
 
-    Parameters
-    ----------
-    number, threads : int
-        Number of workers, of which at most :data:`MOST` start ahead, and threads of each.
+    ``number``, ``threads``: number of workers, of which at most :data:`MOST` start ahead, and threads of each.
     """
 
     def __init__(self, number: int, threads: int):

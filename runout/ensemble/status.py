@@ -29,33 +29,16 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """Failure of a member.
-
-    Attributes
-    ----------
-    member : int
-    reason : str
-        Message for users.
-    type : str
-        Name of the error's class.
-    key : str
-        Key of the failed member; a member with another key is run again.
-    lasting : bool
-        Whether the failure is permanent; such a member is not run again.
-    parameters : dict of str to float
-    seed : int
-    traceback : str
-        For errors that are bugs, else empty.
-    """
+    """Failure of a member."""
 
     member: int
-    reason: str
-    type: str
-    key: str
-    lasting: bool
+    reason: str  # message for users
+    type: str  # name of the error's class
+    key: str  # key of the failed member; a member with another key is run again
+    lasting: bool  # whether the failure is permanent; such a member is not run again
     parameters: dict[str, float] = field(default_factory=dict)
     seed: int = 0
-    traceback: str = ""
+    traceback: str = ""  # for errors that are bugs, else empty
 
     def write(self, path: Path) -> None:
         """Write the failure as JSON, completely or not at all."""
@@ -95,19 +78,11 @@ def _why_left(record: Found) -> str:
 
 @dataclass(frozen=True)
 class Standing:
-    """State of a member.
-
-    Attributes
-    ----------
-    member : Member
-    state : State
-    reason : str
-        Empty when it is done.
-    """
+    """State of a member."""
 
     member: Member
     state: State
-    reason: str
+    reason: str  # empty when it is done
 
 
 def standings(site: "Site", results: Path) -> list[Standing]:

@@ -33,21 +33,11 @@ ROUNDING = 1e-12  # of summed weights
 
 @dataclass(frozen=True)
 class Sweep:
-    """Values of parameters, and the members that they make.
+    """Values of parameters, and the members that they make."""
 
-    Attributes
-    ----------
-    varied : dict of str to tuple of float
-        Values of each varied parameter in the units of site.yaml.
-    constant : dict of str to float
-        Other sampled parameters with their medians.
-    one_at_a_time : bool
-        Whether one parameter is varied after the other, instead of all combinations.
-    """
-
-    varied: dict[str, tuple[float, ...]]
-    constant: dict[str, float]
-    one_at_a_time: bool = False
+    varied: dict[str, tuple[float, ...]]  # values of each varied parameter in the units of site.yaml
+    constant: dict[str, float]  # other sampled parameters with their medians
+    one_at_a_time: bool = False  # whether one parameter is varied after the other, instead of all combinations
 
     def rows(self) -> list[dict[str, float]]:
         """Parameters of each member; a parameter that a row lacks has the value of site.yaml. No row is repeated."""

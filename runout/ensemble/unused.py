@@ -23,10 +23,7 @@ def unused_files(results: Path, members: Iterable[Member]) -> list[Path]:
 def remove_unused(results: Path, members: Iterable[Member]) -> tuple[int, int]:
     """Remove the files of :func:`unused_files`; returns their number and size [byte].
 
-    Raises
-    ------
-    StorageError
-        If a run works in the folder, or a file cannot be removed.
+    Raises StorageError if a run works in the folder, or a file cannot be removed.
     """
     folder = members_folder(results)
     if not folder.is_dir():

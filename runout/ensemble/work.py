@@ -20,21 +20,12 @@ MOST_TOGETHER = 32  # members that share the launches of a GPU of a cluster; the
 
 @dataclass(frozen=True)
 class Work:
-    """Members to simulate.
-
-    Attributes
-    ----------
-    site : Site
-    members : tuple of Member
-    results : Path
-    simulate : callable, optional
-        Replaces :func:`runout.simulate`.
-    """
+    """Members to simulate."""
 
     site: "Site"
     members: tuple[Member, ...]
     results: Path
-    simulate: "Callable[..., Result] | None" = None
+    simulate: "Callable[..., Result] | None" = None  # replaces :func:`runout.simulate`
 
     @property
     def device(self) -> str:

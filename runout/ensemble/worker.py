@@ -178,10 +178,7 @@ def packed(message: object) -> bytes:
 def start_worker(number: int, device: str | None, imports: Sequence[str] = ()) -> Worker:
     """Start a worker process that runs a task on a device. It imports some modules, then waits for :meth:`Worker.assign`.
 
-    Raises
-    ------
-    DeviceError
-        If the system cannot start another process.
+    Raises DeviceError if the system cannot start another process.
     """
     context = multiprocessing.get_context("spawn")  # a forked child dies once numba has started threads
     ours, its = context.Pipe()

@@ -28,20 +28,11 @@ THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "
 
 @dataclass(frozen=True)
 class Capacity:
-    """What a machine offers to members.
-
-    Attributes
-    ----------
-    cores : int
-    memory : int
-        Memory for all members together [byte].
-    devices : tuple of str
-        GPUs; empty on the CPU.
-    """
+    """What a machine offers to members."""
 
     cores: int
-    memory: int
-    devices: tuple[str, ...] = ()
+    memory: int  # memory for all members together [byte]
+    devices: tuple[str, ...] = ()  # GPUs; empty on the CPU
 
     @classmethod
     def here(cls, device: str) -> "Capacity":
@@ -56,10 +47,7 @@ class Capacity:
 def worker_count(workers: int | None, threads_per_worker: int, cores: int | None = None) -> int:
     """Number of workers: ``workers``, or fewer if the cores, by default those of this machine, do not suffice.
 
-    Raises
-    ------
-    ConfigError
-        If a number is below 1.
+    Raises ConfigError if a number is below 1.
     """
     for name, number in (("workers", workers), ("threads_per_worker", threads_per_worker)):
         if number is not None and number < 1:
@@ -74,24 +62,12 @@ def worker_count(workers: int | None, threads_per_worker: int, cores: int | None
 
 @dataclass(frozen=True)
 class Share:
-    """How members share a machine.
+    """How members share a machine."""
 
-    Attributes
-    ----------
-    workers : int
-        Members at the same time.
-    threads : int
-        Threads of each member.
-    devices : tuple of str
-        GPUs that the workers share; empty on the CPU.
-    in_process : bool
-        Whether members run in this process, one after the other.
-    """
-
-    workers: int
-    threads: int
-    devices: tuple[str, ...] = ()
-    in_process: bool = False
+    workers: int  # members at the same time
+    threads: int  # threads of each member
+    devices: tuple[str, ...] = ()  # GPUs that the workers share; empty on the CPU
+    in_process: bool = False  # whether members run in this process, one after the other
 
     def __str__(self) -> str:
         threads = f", {self.threads} threads each" if self.threads > 1 and not self.devices else ""
@@ -163,10 +139,7 @@ def in_workers(
     ``advance`` is called in this thread with the number of a running member and its fraction. Each worker uses one of ``devices``.
     Processes that have started already are taken from ``standby``.
 
-    Raises
-    ------
-    DeviceError
-        If no worker process can be started.
+    Raises DeviceError if no worker process can be started.
     """
     workers = min(workers, len(groups))
     memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)

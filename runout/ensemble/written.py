@@ -18,21 +18,11 @@ SAVE_SHARE = 20  # the same, relative to the time that writing it takes: many jo
 
 @dataclass(frozen=True)
 class Found:
-    """A member's file as it is now.
+    """A member's file as it is now."""
 
-    Attributes
-    ----------
-    key : str or None
-        Key of the member that it holds; None without a sound file.
-    fault : str or None
-        What is wrong with the file; None if it is sound, or if there is none and none is expected.
-    noted : bool
-        Whether its checksum is in the record.
-    """
-
-    key: str | None = None
-    fault: str | None = None
-    noted: bool = False
+    key: str | None = None  # key of the member that it holds; None without a sound file
+    fault: str | None = None  # what is wrong with the file; None if it is sound, or if there is none and none is expected
+    noted: bool = False  # whether its checksum is in the record
 
 
 class Written:
@@ -40,10 +30,7 @@ class Written:
 
     Several processes may change the record at the same time: each enters and removes its own files only.
 
-    Parameters
-    ----------
-    results : Path
-        The results folder; need not exist.
+    ``results``: the results folder; need not exist.
     """
 
     def __init__(self, results: Path):

@@ -84,10 +84,7 @@ def _settled(status: os.stat_result) -> int:
 class Unchanged:
     """Guards files that must not change while they are used.
 
-    Parameters
-    ----------
-    paths : iterable of Path
-        The files. Create this object before reading them.
+    ``paths``: the files. Create this object before reading them.
     """
 
     def __init__(self, paths: Iterable[Path]):
@@ -119,10 +116,7 @@ class KnownFiles:
     A file is read again when its size, inode or times differ from those of the record.
     A record that cannot be read counts as empty.
 
-    Parameters
-    ----------
-    path : Path, optional
-        The record; without one nothing is kept between runs.
+    ``path``: the record; without one nothing is kept between runs.
     """
 
     def __init__(self, path: Path | None = None):

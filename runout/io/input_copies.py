@@ -246,10 +246,7 @@ def files_of(source: Path | str) -> list[Path]:
 
     A file that is missing or unreadable is returned alone; its reader reports the error.
 
-    Parameters
-    ----------
-    source : path or str
-        File, folder, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
+    ``source``: file, folder, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
     """
     path = Path(file_in(str(source)))
     if path.is_dir():

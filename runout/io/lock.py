@@ -18,17 +18,8 @@ BUSY = (errno.EACCES, errno.EAGAIN)  # error numbers of a lock that another proc
 def exclusive(folder: Path, name: str = ".lock", *, wait: bool = False) -> Iterator[None]:
     """Context in which only this process holds the lock file ``name`` of a folder; the folder is created if missing.
 
-    Parameters
-    ----------
-    folder : Path
-    name : str
-    wait : bool
-        Whether to wait for a process that holds it.
-
-    Raises
-    ------
-    StorageError
-        If another process holds it, or the folder cannot be written.
+    ``wait``: whether to wait for a process that holds it. Raises StorageError if another process holds it, or the folder cannot be
+    written.
     """
     import locket
 

@@ -42,12 +42,7 @@ def add_layers(file: "netCDF4.Dataset", name: str, attributes: Mapping[str, Any]
 def put(layers: "netCDF4.Variable", values: np.ndarray, index: tuple[int, ...] = (), at: tuple[int, int] = (0, 0)) -> None:
     """Write the chunks of a map (rows, columns), NaN where it has no value, that differ from what is read without them.
 
-    Parameters
-    ----------
-    index : tuple of int
-        Place along the dimensions before y and x.
-    at : tuple of int
-        Row and column of the first value; multiples of a chunk.
+    ``index``: place along the dimensions before y and x. ``at``: row and column of the first value; multiples of a chunk.
     """
     missing = layers.dtype.type(VARIABLES[layers.name].fill)
     unwritten = missing if layers.name in UNTIL_ARRIVAL else layers.dtype.type(0)

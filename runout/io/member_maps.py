@@ -243,10 +243,7 @@ def _without_fill(values: np.ndarray, name: str) -> np.ndarray:
 class MembersFile(_MapsFile):
     """The open ``members.nc``, for the block of a ``with`` statement: maps and ledgers of all members from one file.
 
-    Raises
-    ------
-    StorageError
-        From all methods, if the file cannot be read.
+    Raises StorageError: from all methods, if the file cannot be read.
     """
 
     def __init__(self, path: str | os.PathLike[str]):

@@ -47,18 +47,9 @@ BROKEN = {  # remedies by a part of the reason of GEOS
 def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
     """Open rasterio dataset of a raster file. Only the file, its side files and the sources of a VRT are read.
 
-    Parameters
-    ----------
-    name : path or str
-        File, folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
-    error : type of InputError
-        Error that is raised.
-
-    Raises
-    ------
-    InputError
-        If it is not a regular file of a known format, refers to files that are not read, or has blocks that do not fit into
-        the memory.
+    ``name``: file, folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
+    ``error``: error that is raised. Raises InputError if it is not a regular file of a known format, refers to files that are not
+    read, or has blocks that do not fit into the memory.
     """
     import rasterio
     from rasterio._err import CPLE_BaseError  # of damaged metadata: rasterio does not convert those of every property

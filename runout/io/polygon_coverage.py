@@ -18,12 +18,8 @@ def covered_area(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> np.n
     The outline is cut at every lattice line and Green's theorem is applied to the pieces: exact up to round-off, and
     linear in the number of cells that the outline crosses, however many vertices it has.
 
-    Parameters
-    ----------
-    outline : shapely Polygon or MultiPolygon
-        Valid and inside the lattice, in the coordinates of the edges.
-    edges_x, edges_y : ndarray (nx + 1,), (ny + 1,)
-        Ascending [m].
+    ``outline``: valid and inside the lattice, in the coordinates of the edges. ``edges_x``, ``edges_y`` (nx + 1,), (ny + 1,):
+    ascending [m].
     """
     pieces = _pieces(outline, edges_x, edges_y)
     # a northward piece (interior on its right) adds the area east of it; a southward piece subtracts it
@@ -135,12 +131,8 @@ def _cut_at(
 def regrid(thickness: np.ndarray, edges: tuple[np.ndarray, np.ndarray], to_edges: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Mean thickness [m] over the cells of another lattice, area-weighted: the volume on the common area is kept.
 
-    Parameters
-    ----------
-    thickness : ndarray (nx, ny)
-        Mean thickness over the cells [m].
-    edges, to_edges : tuple of ndarray
-        Ascending edges ``(x, y)`` [m] of the lattice it lies on and of the one it goes to.
+    ``thickness`` (nx, ny): mean thickness over the cells [m]. ``edges``, ``to_edges``: ascending edges ``(x, y)`` [m] of the
+    lattice it lies on and of the one it goes to.
     """
     along_x = _regrid_rows(thickness, edges[0], to_edges[0])
     return np.ascontiguousarray(_regrid_rows(along_x.T, edges[1], to_edges[1]).T)

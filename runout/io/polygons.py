@@ -263,17 +263,9 @@ def without_overlap(
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Polygons (n,) without overlaps, and the sentences that report them; a common area is left to the first of its polygons.
 
-    Parameters
-    ----------
-    values : ndarray (n,) or None
-        Thickness [m], or the quantity ``what`` in ``unit``; None if all polygons have one value.
-    told : sequence of str, optional
-        What messages say of the value of each polygon, in place of the number.
-
-    Raises
-    ------
-    ReleaseError
-        If polygons of different values overlap, since the value of the common area is ambiguous.
+    ``values`` (n,): thickness [m], or the quantity ``what`` in ``unit``; None if all polygons have one value. ``told``: what
+    messages say of the value of each polygon, in place of the number. Raises ReleaseError if polygons of different values overlap,
+    since the value of the common area is ambiguous.
     """
     import shapely
 
@@ -304,12 +296,7 @@ def without_overlap(
 def fault_message(path: Path, number: int, polygon: Any, what: str) -> str:
     """Message on polygon ``number`` (from 1) of a file that is not valid: what is wrong, where, and the remedy.
 
-    Parameters
-    ----------
-    polygon : shapely Polygon or MultiPolygon
-        In the map coordinates of the terrain [m].
-    what : str
-        What the polygon stands for, such as "release".
+    ``polygon``: in the map coordinates of the terrain [m]. ``what``: what the polygon stands for, such as "release".
     """
     import shapely
 

@@ -32,15 +32,7 @@ def read_probes(
 ) -> Probes:
     """Probes of vector files, checked on the terrain (see :meth:`runout.Probes.from_vector`).
 
-    Parameters
-    ----------
-    site_points : tuple of Probe
-        Points beside those of the file, in map coordinates.
-
-    Raises
-    ------
-    ConfigError
-        With all problems of all files.
+    ``site_points``: points beside those of the file, in map coordinates. Raises ConfigError with all problems of all files.
     """
     layers = [(points, points_layer, POINTS), (cross_sections, cross_sections_layer, LINES)]
     probes: dict[str, list[Any]] = {POINTS: list(site_points), LINES: []}

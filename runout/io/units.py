@@ -56,12 +56,8 @@ OTHER_UNITS: Mapping[str, Mapping[str, float]] = {  # by the unit used here, wit
 def factor_to(unit: str, text: str | None) -> float | None:
     """What numbers in a stated unit are multiplied by; None if it is not a unit of such a quantity, 1 if the text states none.
 
-    Parameters
-    ----------
-    unit : str
-        ``m``, a key of :data:`OTHER_UNITS`, or another unit that is used here and has no other word.
-    text : str or None
-        As a file states it.
+    ``unit``: ``m``, a key of :data:`OTHER_UNITS`, or another unit that is used here and has no other word. ``text``: as a file
+    states it.
     """
     if not is_stated(text):
         return 1.0

@@ -88,17 +88,9 @@ def write_layers(
 ) -> Path:
     """Write a GeoPackage with layers in the system of the terrain; returns the path.
 
-    Parameters
-    ----------
-    layers : mapping of str to (str, list of dict)
-        Type of geometry, and rows of columns with ``geometry`` (shapely, map coordinates). A layer without rows is left out.
-    styles : mapping of str to str, optional
-        QGIS styles (QML) of layers by their names.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full or the folder cannot be written; an older file stays as it is.
+    ``layers``: type of geometry, and rows of columns with ``geometry`` (shapely, map coordinates). A layer without rows is left
+    out. ``styles``: QGIS styles (QML) of layers by their names. Raises StorageError if the disk is full or the folder cannot be
+    written; an older file stays as it is.
     """
     filled_layers = {name: (kind, rows) for name, (kind, rows) in layers.items() if rows}
     frames = {name: _frame(_of_kind(rows, kind), terrain) for name, (kind, rows) in filled_layers.items()}

@@ -107,13 +107,8 @@ class GroundFriction:
     def table(self, real: Any = np.float64, arithmetic: Any = None) -> np.ndarray:
         """Structured array (releases times kinds,) of the records that contact reads.
 
-        Parameters
-        ----------
-        real : type
-            NumPy type of the numbers.
-        arithmetic : type, optional
-            In which numbers of zones are formed before they are rounded to ``real``; that type itself by default. A wider one
-            stands for fused operations.
+        ``real``: NumPy type of the numbers. ``arithmetic``: in which numbers of zones are formed before they are rounded to
+        ``real``; that type itself by default. A wider one stands for fused operations.
         """
         return self.records(np.arange(len(self.numbers) * self.kinds), real, arithmetic)
 

@@ -28,18 +28,10 @@ STRIP = 2.0  # cells of the terrain that the mass of a forecast covers along the
 
 @dataclass(frozen=True)
 class Cumulative:
-    """Integral of a rate that is linear between its times, 0 before the first and constant after the last.
+    """Integral of a rate that is linear between its times, 0 before the first and constant after the last."""
 
-    Parameters
-    ----------
-    time : ndarray (n,)
-        Ascending [s].
-    rate : ndarray (n,)
-        Of what is summed, by second, >= 0.
-    """
-
-    time: np.ndarray
-    rate: np.ndarray
+    time: np.ndarray  # (n,): ascending [s]
+    rate: np.ndarray  # (n,): of what is summed, by second, >= 0
 
     @cached_property
     def sums(self) -> np.ndarray:

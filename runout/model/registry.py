@@ -42,17 +42,8 @@ class Registry(Generic[Entry]):
     def add(self, name: str, home: str, entry: Entry) -> None:
         """Register an entry.
 
-        Parameters
-        ----------
-        name : str
-        home : str
-            Module and class of the entry; the same home may register again.
-        entry
-
-        Raises
-        ------
-        error
-            If an entry of another home has the name.
+        ``home``: module and class of the entry; the same home may register again. Raises ``error`` if an entry of another home has
+        the name.
         """
         owner = f"{self.package}.{name}" if name in modules_of(self.package) else self._entries.get(name, (home,))[0]
         if home != owner and not home.startswith(f"{owner}."):

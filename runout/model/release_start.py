@@ -131,12 +131,7 @@ def start_problems(
 ) -> Iterator[tuple[int, str, str, str, str]]:
     """Number, name, key, message and remedy of each release that cannot start.
 
-    Parameters
-    ----------
-    starts : sequence
-        Name, start time [s] and trigger of each release.
-    end_time : float
-        Of the run [s].
+    ``starts``: name, start time [s] and trigger of each release. ``end_time``: of the run [s].
     """
     names = [name for name, _, _ in starts]
     starting = {name for name, _, trigger in starts if trigger is None}

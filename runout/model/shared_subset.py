@@ -38,12 +38,7 @@ OF_ARRAYS = {"math": np, "min": np.minimum, "max": np.maximum, "abs": np.abs}  #
 def for_arrays(formula: Any, **formulas: FunctionType) -> FunctionType:
     """The formula for arrays of NumPy in place of numbers; it must not branch.
 
-    Parameters
-    ----------
-    formula : function
-        In the shared subset.
-    **formulas : function
-        The functions that it calls, for arrays, by their names.
+    ``formula``: in the shared subset. ``**formulas``: the functions that it calls, for arrays, by their names.
     """
     return FunctionType(formula.__code__, {**formula.__globals__, **OF_ARRAYS, **formulas})
 

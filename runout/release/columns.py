@@ -90,16 +90,8 @@ def column_thickness(release: Release, edges_x: np.ndarray, edges_y: np.ndarray)
     The volume of each terrain cell lies on its part inside the outline, or without an outline on the whole cell.
     ``sum(thickness * column area)`` is the release's volume to round-off.
 
-    Parameters
-    ----------
-    release : Release
-    edges_x, edges_y : ndarray (nx + 1,), (ny + 1,)
-        Ascending local edges of the columns [m]; they must hold the whole release.
-
-    Raises
-    ------
-    ReleaseError
-        If part of the release lies outside the lattice.
+    ``edges_x``, ``edges_y`` (nx + 1,), (ny + 1,): ascending local edges of the columns [m]; they must hold the whole release.
+    Raises ReleaseError if part of the release lies outside the lattice.
     """
     thickness, edges = _occupied(release)
     to_edges = (_padded(np.asarray(edges_x, np.float64), edges[0]), _padded(np.asarray(edges_y, np.float64), edges[1]))

@@ -15,10 +15,7 @@ def shares(index: np.ndarray) -> np.ndarray:
     one column. The lowest level lies half a level above the bottom. The order is that of Bayer (1973, An optimum method for
     two-level rendition of continuous-tone pictures).
 
-    Parameters
-    ----------
-    index : ndarray (n, 2)
-        Of the columns, east and north.
+    ``index`` (n, 2): of the columns, east and north.
     """
     return (ORDER[index[:, 0] % 2, index[:, 1] % 2] + 0.5) / LEVELS
 

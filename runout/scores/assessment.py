@@ -22,35 +22,17 @@ from runout.scores.thalweg import Thalweg, thalweg_errors
 
 @dataclass(frozen=True)
 class Setting:
-    """What scores need besides the two flows.
+    """What scores need besides the two flows."""
 
-    Attributes
-    ----------
-    thresholds : sequence of float
-        Thicknesses [m] whose outlines are scored.
-    bars : ErrorBars
-        Numerical errors of the site.
-    thalweg : Thalweg or None
-    start : ReleasePoint or None
-        Upper end of the energy line.
-    elevation : ndarray (rows, columns) or None
-        Ground [m] on the grid of the scores, for the energy line.
-    half_width : float
-        Largest distance [m] from the thalweg that counts.
-    surface : ndarray (rows, columns) or None
-        Area [m2] of the cells on the slope, for volumes of thickness normal to it; None where thickness is vertical.
-    has_volume : bool
-        Whether a deposit has a volume; normal to a slope that is not known it has none.
-    """
-
-    thresholds: Sequence[float]
-    bars: ErrorBars = NO_BARS
+    thresholds: Sequence[float]  # thicknesses [m] whose outlines are scored
+    bars: ErrorBars = NO_BARS  # numerical errors of the site
     thalweg: Thalweg | None = None
-    start: ReleasePoint | None = None
-    elevation: np.ndarray | None = None
-    half_width: float = float("inf")
+    start: ReleasePoint | None = None  # upper end of the energy line
+    elevation: np.ndarray | None = None  # (rows, columns): ground [m] on the grid of the scores, for the energy line
+    half_width: float = float("inf")  # largest distance [m] from the thalweg that counts
+    # (rows, columns): area [m2] of the cells on the slope, for volumes of thickness normal to it; None where thickness is vertical
     surface: np.ndarray | None = None
-    has_volume: bool = True
+    has_volume: bool = True  # whether a deposit has a volume; normal to a slope that is not known it has none
 
 
 @dataclass

@@ -46,27 +46,16 @@ DIFFERENCES = {
 
 @dataclass(frozen=True)
 class Flow:
-    """Maps of one flow.
+    """Maps of one flow."""
 
-    Attributes
-    ----------
-    grid : Grid
-        Their cells.
-    maps : mapping of str to ndarray (rows, columns)
-        By the names of :data:`UNITS`; NaN where unknown. ``arrival`` is infinite where the flow never arrives.
-    probabilities : mapping of (str, float) to ndarray (rows, columns)
-        Of an ensemble, by quantity and threshold: probability that the quantity reaches the threshold.
-    probability : float
-        Of an ensemble: the outline of a threshold holds the cells that reach it with this probability or more.
-    is_percentile : bool
-        Whether the maps are percentiles over members, which have no volume of their own.
-    """
-
-    grid: Grid
+    grid: Grid  # their cells
+    # by the names of :data:`UNITS`; NaN where unknown. ``arrival`` is infinite where the flow never arrives
     maps: Mapping[str, np.ndarray]
+    # of an ensemble, by quantity and threshold: probability that the quantity reaches the threshold
     probabilities: Mapping[tuple[str, float], np.ndarray] = field(default_factory=dict)
+    # of an ensemble: the outline of a threshold holds the cells that reach it with this probability or more
     probability: float = 0.5
-    is_percentile: bool = False
+    is_percentile: bool = False  # whether the maps are percentiles over members, which have no volume of their own
 
     def area(self, quantity: str, threshold: float) -> np.ndarray:
         """Cells (rows, columns) in which a quantity reaches a threshold: 1 or 0, NaN where unknown."""
@@ -93,10 +82,7 @@ def resampled_map(name: str, values: np.ndarray, own: Grid, grid: Grid) -> np.nd
 def percentile_of(probability: float, known: np.ndarray, source: str) -> float:
     """Percentile that a probability of exceedance stands for: 100 (1 - p).
 
-    Raises
-    ------
-    ObservationError
-        If it is not among the known ones.
+    Raises ObservationError if it is not among the known ones.
     """
     wanted = 100.0 * (1.0 - probability)
     nearest = float(known[np.argmin(np.abs(known - wanted))])

@@ -10,18 +10,12 @@ POINT_UNITS = {"arrival_time": "s", "thickness": "m", "speed": "m s-1"}
 
 @dataclass(frozen=True)
 class Gauges:
-    """Points with observed values.
+    """Points with observed values."""
 
-    Attributes
-    ----------
-    easting, northing : ndarray (n,)
-        Map coordinates [m].
-    values : mapping of str to ndarray (n,)
-        ``arrival_time`` [s], ``thickness`` [m, vertical] and ``speed`` [m/s], as far as observed; NaN where unknown.
-    """
-
+    # easting, northing (n,): map coordinates [m]
     easting: np.ndarray
     northing: np.ndarray
+    # ``arrival_time`` [s], ``thickness`` [m, vertical] and ``speed`` [m/s], as far as observed; NaN where unknown
     values: Mapping[str, np.ndarray]
 
     def label(self, index: int) -> str:

@@ -147,10 +147,7 @@ def resampled(values: np.ndarray, grid: Grid, target: Grid) -> np.ndarray:
 def placed(grid: Grid, target: Grid) -> ToTerrain:
     """Transformation of map coordinates of a grid to those of a target.
 
-    Raises
-    ------
-    ObservationError
-        If no transformation between the systems is known.
+    Raises ObservationError if no transformation between the systems is known.
     """
     try:
         return to_terrain(Path(grid.source), grid.crs, target.terrain(), grid.extent, "gdalwarp")
@@ -161,10 +158,7 @@ def placed(grid: Grid, target: Grid) -> ToTerrain:
 def common_grid(one: Grid, other: Grid) -> Grid:
     """Grid that covers two maps, in the system of the first: on the cells of the coarser one, or of the first if systems differ.
 
-    Raises
-    ------
-    ObservationError
-        If the maps do not overlap, or no transformation between their systems is known.
+    Raises ObservationError if the maps do not overlap, or no transformation between their systems is known.
     """
     transformation = placed(other, one)
     bounds = other.extent if transformation.forward is None else _moved_bounds(other, transformation.forward)

@@ -32,26 +32,13 @@ RANKS = {"csi": -1.0, "rmse": 1.0, "arrival_rmse": 1.0}  # the first that member
 
 @dataclass(frozen=True)
 class Member:
-    """A valid member of an ensemble and its scores.
-
-    Attributes
-    ----------
-    number : int
-    weight : float
-        Share of the ensemble [1].
-    parameters : mapping of str to float
-        What was sampled, in the units of the table of members.
-    path : Path
-        Its maps.
-    scores : tuple of Score
-        Empty until it is scored.
-    """
+    """A valid member of an ensemble and its scores."""
 
     number: int
-    weight: float
-    parameters: Mapping[str, float]
-    path: Path
-    scores: tuple[Score, ...] = ()
+    weight: float  # share of the ensemble [1]
+    parameters: Mapping[str, float]  # what was sampled, in the units of the table of members
+    path: Path  # its maps
+    scores: tuple[Score, ...] = ()  # empty until it is scored
 
     def stored(self) -> dict[str, Any]:
         """Values for JSON."""

@@ -15,40 +15,18 @@ from runout.scores.thalweg import Thalweg
 
 @dataclass(frozen=True)
 class Observations:
-    """What was observed of a flow; None for what was not.
+    """What was observed of a flow; None for what was not."""
 
-    Attributes
-    ----------
-    grid : Grid
-        Cells of the maps.
-    outline : shapely geometry or None
-        Area that was reached, in map coordinates.
-    outline_shows : str
-        "flow": all ground that was reached; "deposit": ground with a deposit.
-    deposit : ndarray (rows, columns) or None
-        Vertical thickness of the deposit [m], NaN where unknown.
-    change : ndarray (rows, columns) or None
-        DEM of difference: later minus earlier elevation [m], NaN where unknown.
-    detection_limit : float
-        Smallest change that the DEM of difference shows [m].
-    gauges : Gauges or None
-    thalweg : Thalweg or None
-    reaches : Reaches or None
-        Reaches of the thalweg in which the volumes of the DEM of difference are scored.
-    changes : tuple of str
-        What was changed on the way in, one sentence each.
-    """
-
-    grid: Grid
-    outline: Any = None
-    outline_shows: str = "flow"
-    deposit: np.ndarray | None = None
-    change: np.ndarray | None = None
-    detection_limit: float = 0.0
+    grid: Grid  # cells of the maps
+    outline: Any = None  # area that was reached, in map coordinates
+    outline_shows: str = "flow"  # "flow": all ground that was reached; "deposit": ground with a deposit
+    deposit: np.ndarray | None = None  # (rows, columns): vertical thickness of the deposit [m], NaN where unknown
+    change: np.ndarray | None = None  # (rows, columns): DEM of difference: later minus earlier elevation [m], NaN where unknown
+    detection_limit: float = 0.0  # smallest change that the DEM of difference shows [m]
     gauges: Gauges | None = None
     thalweg: Thalweg | None = None
-    reaches: Reaches | None = None
-    changes: tuple[str, ...] = field(default=())
+    reaches: Reaches | None = None  # reaches of the thalweg in which the volumes of the DEM of difference are scored
+    changes: tuple[str, ...] = field(default=())  # what was changed on the way in, one sentence each
 
     @property
     def shares(self) -> np.ndarray:
@@ -83,10 +61,7 @@ def _unknown(values: np.ndarray) -> str:
 def on_grid(values: np.ndarray, own: Grid, grid: Grid, fill: float = np.nan) -> np.ndarray:
     """A map by area on another grid; cells beyond the map hold ``fill``.
 
-    Raises
-    ------
-    ObservationError
-        If the map lies beside the grid, or no transformation is known.
+    Raises ObservationError if the map lies beside the grid, or no transformation is known.
     """
     on_cells = resampled(values, own, grid)
     if not np.isfinite(on_cells).any():

@@ -37,52 +37,27 @@ OTHER = {"probability", "exceedance", "error", "difference"}  # maps of which no
 
 @dataclass(frozen=True)
 class Reading:
-    """How products are read.
+    """How products are read."""
 
-    Attributes
-    ----------
-    quantity : str or None
-        What a raster shows, a name of :data:`runout.scores.flow.UNITS`; by default what its name or unit says.
-    probability : float
-        Outline of an ensemble.
-    nodata : Nodata
-        What cells of a raster without a value mean.
-    """
-
+    # what a raster shows, a name of :data:`runout.scores.flow.UNITS`; by default what its name or unit says
     quantity: str | None = None
-    probability: float = 0.5
-    nodata: Nodata = Nodata.UNKNOWN
+    probability: float = 0.5  # outline of an ensemble
+    nodata: Nodata = Nodata.UNKNOWN  # what cells of a raster without a value mean
 
 
 @dataclass(frozen=True)
 class Product:
-    """One of two things that are compared.
-
-    Attributes
-    ----------
-    path : Path
-    kind : str
-        "ensemble", "member", "raster" or "vector".
-    flow : Flow or None
-        Its maps; None of a vector file, which is read on the grid of the other product.
-    thresholds : tuple of float
-        Thicknesses [m] that the site states.
-    elevation, release : ndarray (rows, columns) or None
-        Ground and thickness of the release [m] on the grid, where a site holds them.
-    bars : ErrorBars
-        Numerical errors of the site.
-    changes : tuple of str
-        What was changed on the way in.
-    """
+    """One of two things that are compared."""
 
     path: Path
-    kind: str
-    flow: Flow | None = None
-    thresholds: tuple[float, ...] = ()
+    kind: str  # "ensemble", "member", "raster" or "vector"
+    flow: Flow | None = None  # its maps; None of a vector file, which is read on the grid of the other product
+    thresholds: tuple[float, ...] = ()  # thicknesses [m] that the site states
+    # elevation, release (rows, columns): ground and thickness of the release [m] on the grid, where a site holds them
     elevation: np.ndarray | None = None
     release: np.ndarray | None = None
-    bars: ErrorBars = field(default_factory=lambda: ErrorBars({}))
-    changes: tuple[str, ...] = ()
+    bars: ErrorBars = field(default_factory=lambda: ErrorBars({}))  # numerical errors of the site
+    changes: tuple[str, ...] = ()  # what was changed on the way in
 
     @property
     def name(self) -> str:
@@ -113,10 +88,7 @@ class VectorContent:
 def read_product(path: Path, reading: Reading) -> Product:
     """What a path holds: a site or results folder, ``hazard.nc``, the file of a member or of :func:`runout.simulate`, or a raster.
 
-    Raises
-    ------
-    ObservationError
-        If it is none of these, or cannot be read.
+    Raises ObservationError if it is none of these, or cannot be read.
     """
     if not exists(path):
         raise ObservationError(f"{path}: no such file or folder; name results, hazard.nc, a member, a raster, an outline or points")
@@ -139,10 +111,7 @@ def _of_raster(path: Path, reading: Reading) -> Product:
 def raster_quantity(path: Path) -> tuple[str, tuple[str, ...]]:
     """Name in :data:`runout.scores.flow.UNITS` of what a raster shows, and a sentence where neither name nor unit says it.
 
-    Raises
-    ------
-    ObservationError
-        If its name says several quantities, or a map of which no score is made.
+    Raises ObservationError if its name says several quantities, or a map of which no score is made.
     """
     words = set(re.split(r"[^a-z]+", path.stem.lower()))
     named = {quantity for name, quantity in NAMED.items() if words.issuperset(name.split("_"))}
@@ -236,10 +205,7 @@ def _bars(results: Path) -> ErrorBars:
 def read_vector(path: Path, terrain: Terrain, layer: str | None = None) -> VectorContent:
     """Outline of the polygons of a file, or its points with the attributes that are named as quantities.
 
-    Raises
-    ------
-    ObservationError
-        If it holds lines, several kinds of geometries, or points without such attributes.
+    Raises ObservationError if it holds lines, several kinds of geometries, or points without such attributes.
     """
     with observation_errors():
         frame, _ = read_frame(path, layer, "observation")

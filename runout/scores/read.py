@@ -45,18 +45,9 @@ def read_map(
 ) -> tuple[np.ndarray, Grid, tuple[str, ...]]:
     """Values of a raster (rows, columns), north up, its grid, and sentences on changes.
 
-    Parameters
-    ----------
-    nodata : Nodata
-        "unknown": cells without a value are NaN; "zero": they are 0, or never reached. Stated units such as ft or kPa are
-        converted to SI.
-    quantity : str
-        What it shows. Only values of "change" (a DEM of difference) may be negative.
-
-    Raises
-    ------
-    ObservationError
-        Missing or unreadable file, several bands, no georeference, rotated, or negative values where there are none.
+    ``nodata``: "unknown": cells without a value are NaN; "zero": they are 0, or never reached. Stated units such as ft or kPa are
+    converted to SI. ``quantity``: what it shows. Only values of "change" (a DEM of difference) may be negative. Raises
+    ObservationError: missing or unreadable file, several bands, no georeference, rotated, or negative values where there are none.
     """
     of_member = OF_MEMBER | OF_BED_MEMBER
     of_runout = [of_member[quantity]] if quantity in of_member else []
@@ -84,10 +75,7 @@ def where_dry(values: np.ndarray, quantity: str) -> np.ndarray:
 def read_outline(path: Path, terrain: Terrain, layer: str | None = None) -> tuple[Any, tuple[str, ...]]:
     """Polygons of a vector file united (shapely, map coordinates of the terrain), and sentences on changes.
 
-    Raises
-    ------
-    ObservationError
-        If the file cannot be read, holds no valid polygons, or none lies on the terrain.
+    Raises ObservationError if the file cannot be read, holds no valid polygons, or none lies on the terrain.
     """
     import shapely
 
@@ -102,10 +90,7 @@ def read_outline(path: Path, terrain: Terrain, layer: str | None = None) -> tupl
 def read_thalweg(path: Path, terrain: Terrain, layer: str | None = None) -> tuple[Thalweg, tuple[str, ...]]:
     """Line of a vector file, and sentences on changes. It is turned if it is drawn uphill.
 
-    Raises
-    ------
-    ObservationError
-        If the file cannot be read, does not hold one connected line, or that lies beside the terrain.
+    Raises ObservationError if the file cannot be read, does not hold one connected line, or that lies beside the terrain.
     """
     import shapely
 
@@ -131,15 +116,9 @@ def read_gauges(
 ) -> tuple[Gauges, tuple[str, ...]]:
     """Points of a vector file with observed values, and sentences on changes.
 
-    Parameters
-    ----------
-    attributes : mapping of str to str
-        Attribute that holds ``arrival_time`` [s], ``thickness`` [m, vertical] or ``speed`` [m/s]; empty values are unknown.
-
-    Raises
-    ------
-    ObservationError
-        If the file cannot be read, holds other geometries, an attribute is missing or negative, or no point lies on the terrain.
+    ``attributes``: attribute that holds ``arrival_time`` [s], ``thickness`` [m, vertical] or ``speed`` [m/s]; empty values are
+    unknown. Raises ObservationError if the file cannot be read, holds other geometries, an attribute is missing or negative, or no
+    point lies on the terrain.
     """
     import shapely
 

@@ -138,12 +138,7 @@ def _rises(ground: np.ndarray, start: tuple[int, int], across: np.ndarray, reach
 def features(drained: "Drainage", path: FlowPath, peak: np.ndarray, standing: Sequence[Standing]) -> list[Feature]:
     """Steps, mouths of channels and reached structures, by their distance along the path.
 
-    Parameters
-    ----------
-    peak : ndarray (rows, columns)
-        Largest flow thickness [m].
-    standing : sequence of Standing
-        Structures and obstacles of the site.
+    ``peak`` (rows, columns): largest flow thickness [m]. ``standing``: structures and obstacles of the site.
     """
     places = [*_steps(drained, path), *_mouths(drained, path, peak), *_reached(drained, path, peak, standing)]
     return sorted(places, key=lambda one: one.distance)

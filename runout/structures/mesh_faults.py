@@ -25,10 +25,7 @@ def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
 class Search:
     """Search for crossing faces of the bodies of a file, that ends after a time.
 
-    Parameters
-    ----------
-    seconds : float
-        That it may take in all.
+    ``seconds``: that it may take in all.
     """
 
     def __init__(self, seconds: float = SEARCH_SECONDS):

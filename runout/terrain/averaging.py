@@ -18,20 +18,9 @@ SHORTEST = 0.5  # half-width of a triangle [cells]: a shorter one averages nothi
 def averaged(terrain: Terrain, resolution: float, file: str = "") -> Terrain:
     """The terrain averaged over whole blocks of cells; a block with an unknown cell is unknown.
 
-    Parameters
-    ----------
-    terrain : Terrain
-    resolution : float
-        Size [m] of the blocks, which is rounded to whole cells.
-    file : str, optional
-        Name of the site.yaml that states the resolution.
-
-    Raises
-    ------
-    ConfigError
-        If the resolution is finer than the raster's cells, or leaves fewer than three blocks along a side.
-    DemError
-        If it is no resolution.
+    ``resolution``: size [m] of the blocks, which is rounded to whole cells. ``file``: name of the site.yaml that states the
+    resolution. Raises ConfigError if the resolution is finer than the raster's cells, or leaves fewer than three blocks along a
+    side. Raises DemError if it is no resolution.
     """
     own, place, key = terrain.cell_size, file or terrain.source, "terrain.resolution" if file else "resolution"
     resolution = checked("resolution", resolution, place=place, error=DemError)
@@ -52,20 +41,8 @@ def smoothed(terrain: Terrain, length: float, file: str = "") -> Terrain:
     Planes stay (:func:`runout.terrain.relief.filtered`). Unknown cells stay unknown; beside them the known ground counts as if it
     went on with its slope.
 
-    Parameters
-    ----------
-    terrain : Terrain
-    length : float
-        Half-width [m]: more than half a cell, at most a third of the raster.
-    file : str, optional
-        Name of the site.yaml that states it.
-
-    Raises
-    ------
-    ConfigError
-        If the length is too short or too long for the raster.
-    DemError
-        If it is no length.
+    ``length``: half-width [m]: more than half a cell, at most a third of the raster. ``file``: name of the site.yaml that states
+    it. Raises ConfigError if the length is too short or too long for the raster. Raises DemError if it is no length.
     """
     own, place, key = terrain.cell_size, file or terrain.source, "terrain.smoothing" if file else "smoothing"
     length = checked("smoothing", length, place=place, error=DemError)

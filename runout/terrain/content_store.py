@@ -34,10 +34,7 @@ class _Place(Generic[Value]):
 class ContentStore(Generic[Value]):
     """Values by the content that they are made of: the last :data:`KEPT` that were asked for, within :data:`LARGEST` bytes.
 
-    Parameters
-    ----------
-    size : callable
-        Memory of a value [byte].
+    ``size``: memory of a value [byte].
     """
 
     def __init__(self, size: Callable[[Value], int]) -> None:

@@ -24,12 +24,7 @@ def largest_speed(releases: Sequence[Release], angles: Sequence[float]) -> float
     there, on the cells that the masses can reach. The line of a mass that starts with a speed v_0 begins v_0^2 / 2 g higher. On
     nine flows the fastest particle had 0.91 to 1.09 of it (docs/theory).
 
-    Parameters
-    ----------
-    releases : sequence of Release
-        On one terrain.
-    angles : sequence of float
-        Smallest friction angle [rad] that acts at the base of each.
+    ``releases``: on one terrain. ``angles``: smallest friction angle [rad] that acts at the base of each.
     """
     terrain = releases[0].terrain
     known = np.isfinite(terrain.elevation)  # all cells under the masses: a run refuses others

@@ -156,13 +156,8 @@ def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarr
     cell of the release; of the cells below that line those that hang together with the release. Conservative: a path
     is never shorter than the straight line. No path leads through unknown cells: they are an open edge.
 
-    Parameters
-    ----------
-    terrain : Terrain
-    thickness : ndarray (rows, columns)
-        Released thickness [m]; the mass starts where it is positive.
-    angle : float
-        Smallest angle of the energy line [rad], 0 <= angle < pi/2: the smallest basal friction angle of the ensemble or less.
+    ``thickness`` (rows, columns): released thickness [m]; the mass starts where it is positive. ``angle``: smallest angle of the
+    energy line [rad], 0 <= angle < pi/2: the smallest basal friction angle of the ensemble or less.
     """
     from scipy import ndimage
 

@@ -158,18 +158,9 @@ def raster_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spa
     raster does not have. Into cells without an elevation the surface is continued (:func:`runout.terrain.fill.continued`); no
     mass stays there, see :mod:`runout.terrain.open_edge`.
 
-    Parameters
-    ----------
-    terrain : Terrain
-    thickness_excavated : ndarray (rows, columns) or None
-        Vertical thickness of the masses that lie below the surface [m].
-    spacing : tuple of float
-        Horizontal spacing of the grid, east and north [m]; it gives the width of the filter.
-
-    Raises
-    ------
-    DemError
-        If a cell that is excavated has no elevation, the shapes differ, or a spacing is not positive.
+    ``thickness_excavated`` (rows, columns): vertical thickness of the masses that lie below the surface [m]. ``spacing``:
+    horizontal spacing of the grid, east and north [m]; it gives the width of the filter. Raises DemError if a cell that is
+    excavated has no elevation, the shapes differ, or a spacing is not positive.
     """
     return _raster(terrain, thickness_excavated, spacing).surface()
 

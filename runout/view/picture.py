@@ -42,12 +42,7 @@ def _plotter(off_screen: bool, size: tuple[int, int]) -> Any:
 class Picture:
     """A scene in a window or off screen; :meth:`show` changes its frame.
 
-    Parameters
-    ----------
-    scene : FlowScene
-    look : Look
-    off_screen : bool
-        No window.
+    ``off_screen``: no window.
     """
 
     def __init__(self, scene: FlowScene, look: Look, off_screen: bool = True):

@@ -137,10 +137,7 @@ def osmesa_library() -> Path | None:
 def opengl_environment(folder: Path) -> dict[str, str]:
     """Variables with which a new process finds OSMesa; empty without the extra.
 
-    Parameters
-    ----------
-    folder : Path
-        Gets the link to the library; it exists as long as the process draws.
+    ``folder``: gets the link to the library; it exists as long as the process draws.
     """
     osmesa = osmesa_library()
     if osmesa is None:

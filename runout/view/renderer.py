@@ -66,12 +66,7 @@ def _window(scene: FlowScene, look: dict[str, Any], output: Path) -> None:
 
 
 class Player:
-    """Frame that a window shows; the slider and the arrow keys change it.
-
-    Parameters
-    ----------
-    picture : Picture
-    """
+    """Frame that a window shows; the slider and the arrow keys change it."""
 
     def __init__(self, picture: "Picture"):
         self.picture, self.frame = picture, 0

@@ -194,10 +194,7 @@ def on_structures(scene: FlowScene, spans: Sequence[Span]) -> FlowScene:
 
     Maps of thickness do not say whether the flow runs over a roof or below it; particles do.
 
-    Parameters
-    ----------
-    spans : sequence of Span
-        Of the structures at the cells of the scene: NaN where they are not.
+    ``spans``: of the structures at the cells of the scene: NaN where they are not.
     """
     if not spans or scene.particles is None:
         return scene

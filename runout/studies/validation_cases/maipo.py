@@ -35,29 +35,15 @@ WET = tuple(product((0.0, 0.1, 0.2, 0.3, 0.4, 0.5), (60.0, 300.0)))  # pore pres
 
 @dataclass(frozen=True)
 class Flow:
-    """One mapped debris flow.
+    """One mapped debris flow."""
 
-    Attributes
-    ----------
-    source : tuple of float
-        Easting and northing [m] where it starts.
-    outline : shapely geometry
-    path : Thalweg
-        Down the steepest of eight directions: within the outline from the source to its lowest cell, then on the terrain.
-    reached : ndarray (rows, columns) of bool
-        Cells of the terrain in the outline.
-    length : float
-        Along the path to the farthest cell of the outline [m].
-    profile : ndarray (n, 2)
-        Length along the path [m] and elevation [m].
-    """
-
-    source: tuple[float, float]
+    source: tuple[float, float]  # easting and northing [m] where it starts
     outline: Any
+    # down the steepest of eight directions: within the outline from the source to its lowest cell, then on the terrain
     path: Thalweg
-    reached: np.ndarray
-    length: float
-    profile: np.ndarray
+    reached: np.ndarray  # (rows, columns) of bool: cells of the terrain in the outline
+    length: float  # along the path to the farthest cell of the outline [m]
+    profile: np.ndarray  # (n, 2): length along the path [m] and elevation [m]
 
     @property
     def reach_slope(self) -> float:
@@ -183,12 +169,8 @@ def _event() -> Event:
 def left_out(lengths: np.ndarray, csi: np.ndarray, observed: np.ndarray) -> list[dict[str, float]]:
     """For each flow the choice that the others prefer, and how it fares there.
 
-    Parameters
-    ----------
-    lengths, csi : ndarray (choices, flows)
-        Lengths of the run-out [m] and critical success indices [1] of all runs.
-    observed : ndarray (flows,)
-        Observed lengths [m].
+    ``lengths``, ``csi`` (choices, flows): lengths of the run-out [m] and critical success indices [1] of all runs. ``observed``
+    (flows,): observed lengths [m].
     """
     rows = []
     for flow in range(csi.shape[1]):
