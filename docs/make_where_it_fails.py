@@ -16,10 +16,9 @@ from runout.slopes.choices import MassWasting, Strength
 from runout.slopes.drainage import drainage
 from runout.slopes.infinite_slope import resolved, stability
 from runout.slopes.mass_wasting import mass_wasting
-from runout.slopes.patches import suggest
 from runout.slopes.path_features import features, flow_path
 from runout.slopes.screening import LEAST, picture
-from runout.slopes.suggestion import SHEETS, basemap
+from runout.slopes.suggestion import SHEETS, basemap, suggest
 
 HERE = Path(__file__).parent
 SITE = HERE.parent / "sites" / "cascades_2021"

@@ -233,9 +233,9 @@ def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, h
 
 
 def _settings_class(name: str) -> Any:
-    from runout.config import distributions, hazard, observations, pore_pressure, probes, release_start, remote, scenarios, schema
+    from runout.config import distributions, fetch, hazard, observations, pore_pressure, probes, release_start, scenarios, schema
 
-    homes = (schema, hazard, distributions, observations, pore_pressure, probes, release_start, remote, scenarios)
+    homes = (schema, hazard, distributions, observations, pore_pressure, probes, release_start, fetch, scenarios)
     return next(getattr(home, name) for home in homes if hasattr(home, name))
 
 

@@ -23,7 +23,7 @@ from runout.model.particles import Particles, Sums
 from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.surface import Surface
-from runout.release import stagger
+from runout.release import arrangement
 from runout.release.columns import Columns
 from runout.release.sample import Sampling, kept_inside, onto_known_ground, particles_per_axis, prepared_outline, require_apart
 
@@ -107,12 +107,12 @@ class _Filled:
         columns = self.columns
         rows, thickness, volume = columns.rows[part], columns.thickness[part], self.volumes[part]
         n, height, centre = int(rows.sum()), thickness / rows, columns.centres(part)
-        column = np.column_stack((height, thickness, volume, volume * self.density, stagger.half_size(height)))
+        column = np.column_stack((height, thickness, volume, volume * self.density, arrangement.half_size(height)))
         jitter = rng.uniform(-self.how.jitter, self.how.jitter, (n, 2))
         particles, plan, above, depth = Particles.at_rest(n), np.empty((n, 2)), np.empty(n), np.empty(n)
         own = particles.volume, particles.mass, particles.radius
         loops().spread_columns(
-            rows, centre, stagger.shares(columns.index[part]), column, jitter, columns.size, plan, above, depth, *own
+            rows, centre, arrangement.shares(columns.index[part]), column, jitter, columns.size, plan, above, depth, *own
         )
         _keep_inside(outline, np.flatnonzero(columns.cut[part]), rows, centre, plan)
         self._stand(particles, plan, above)
@@ -146,7 +146,7 @@ class ReleaseParticles:
 
     The plan is divided into columns of ``dx / px`` by ``dy / py``. A column of mean thickness T holds
     ``n = max(1, round(T / (dz / pz)))`` particles of equal volume, one in each n-th of it above the surface. Their
-    heights are staggered from column to column (:mod:`runout.release.stagger`), so that a thin mass has more levels than layers.
+    heights are staggered from column to column (:mod:`runout.release.arrangement`): a thin mass has more levels than layers.
     The volume and mass of each release are exact to round-off.
 
     Parameters

@@ -38,7 +38,7 @@ def suggest_release(
 @command()
 def scarp(site: PlaceArgument, *, shape: _Scarp = None, session: Injected) -> int:
     """Make a thickness raster that thins out to its rim, above an ellipsoid or planes; writes results/scarp/."""
-    from runout.slopes.scarp_raster import command
+    from runout.slopes.scarp import command
 
     return command(site, session.out, shape or ScarpChoices())
 

@@ -6,10 +6,13 @@ import os
 import re
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import urljoin, urlsplit
 
-from runout.config.remote import RemoteFile
+from pydantic import AfterValidator, Discriminator, Tag
+
+from runout.config.distributions import Settings, quantity, refuse, shape
+from runout.config.quantities import Text
 from runout.config.stated_at import without_folder
 from runout.errors import InputError, StorageError
 from runout.io.boundary import exists, require_regular
@@ -27,6 +30,29 @@ PATIENCE = 60.0  # [s] for a file of no size, and
 SLOWEST = 2e4  # bytes per second for the rest
 CHUNK = 65536
 REDIRECTS = (301, 302, 303, 307, 308)
+
+
+def _below_data(path: str) -> str:
+    """The path; refused where it leads out of the folder."""
+    parts = path.replace("\\", "/").split("/")
+    if not path.isprintable() or path[:1] in ("", "/", "\\", "~") or ":" in parts[0] or {"..", ""} & set(parts):
+        raise refuse(f"{path!r} does not lie below the folder RUNOUT_DATA", "write a relative path without .. in it")
+    return path
+
+
+BelowData = Annotated[str, AfterValidator(_below_data)]
+
+
+class RemoteFile(Settings):
+    """A public file that is fetched once into the user's cache and checked."""
+
+    url: str = quantity("where the file is fetched from", pattern=r"^https://[^/\s]", hint="begin with https://")
+    sha256: str = quantity("SHA-256 of the file", pattern=r"^[0-9a-f]{64}$", hint="64 digits 0-9a-f; `sha256sum FILE` prints it")
+    size: int = quantity("size of the file", gt=0, unit="bytes")
+    path: BelowData | None = quantity("path below the folder RUNOUT_DATA, where a copy is looked for first", None)
+
+
+InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminator(shape)]
 
 
 def locate(source: str | RemoteFile, folder: Path) -> str | Path:

@@ -126,7 +126,7 @@ def _placed_inflow(entry: InflowSettings, file: Path, terrain: "Terrain") -> "In
 
 
 def _inflow(entry: InflowSettings, file: Path, terrain: "Terrain", series: Any) -> "Inflow":
-    from runout.release.read_inflow import read_inflow
+    from runout.release.inlet import read_inflow
 
     path = locate(entry.line or entry.polygon or "", file.parent)
     common = entry.model_dump(include={"thickness", "layer", "name", "basal_friction_angle_deg"})

@@ -7,16 +7,18 @@ several blocks, only ``runout check`` tests.
 
 import json
 from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.resources import files
 from typing import Any
 
 from runout.config import bed, friction, material, release_start, scheme
 from runout.config.friction import OF_RELEASE
 from runout.config.law_block import LawBlock
-from runout.config.reasons import reason
 from runout.config.scenarios import RATES
 from runout.config.schema import SiteSettings
 from runout.model.limits import Range
 
+FILE = "reasons.yaml"
 SCHEMA_FILE = ".site.schema.json"  # beside a site.yaml
 SCHEMA = "https://json-schema.org/draft/2020-12/schema"
 BLOCKS: dict[str, LawBlock[Any]] = {
@@ -41,6 +43,20 @@ REASONED = {  # blocks of reasons.yaml, by model
     "HazardSettings": "hazard",
 }
 NOT_FOR_EDITORS = ("title", "unit", "hint")  # keywords that pydantic writes
+
+
+@cache
+def reasons() -> dict[str, dict[str, str]]:
+    """One line for each key, by block; keys of laws stand under the block that names the law, those of the top under ``site``."""
+    from ruamel.yaml import YAML
+
+    table: dict[str, dict[str, str]] = YAML(typ="safe", pure=True).load(files("runout.config").joinpath(FILE).read_text("utf-8"))
+    return table
+
+
+def reason(block: str, key: str) -> str:
+    """Why one would change a key of a block; empty for keys of laws of other packages."""
+    return reasons().get(block, {}).get(key, "")
 
 
 def site_schema() -> dict[str, Any]:

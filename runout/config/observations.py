@@ -10,8 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from runout.config.distributions import Settings, quantity, refuse, shape
-from runout.config.fetch import locate
-from runout.config.remote import InputFile
+from runout.config.fetch import InputFile, locate
 from runout.config.stated_at import Reading, read_each, stated_at
 
 if TYPE_CHECKING:

@@ -126,7 +126,7 @@ def made(settings: PorePressureSettings, file: Path, terrain: "Terrain") -> "Por
     ratio: Any = settings.ratio
     changes: tuple[str, ...] = ()
     if isinstance(ratio, RatioSettings) and ratio.polygons is not None:
-        from runout.terrain.wet_zones import read_ratio_zones
+        from runout.terrain.zones import read_ratio_zones
 
         arguments = ratio.model_dump(include={"ratio", *ENDS, "layer"})
         ratio = read_ratio_zones(Path(locate(ratio.polygons, file.parent)), terrain, **arguments)

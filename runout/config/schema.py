@@ -9,6 +9,7 @@ from runout.config.bed import SETTINGS as BED
 from runout.config.bed import BedSettings
 from runout.config.design_table import DesignTable
 from runout.config.distributions import Discrete, Distribution, Settings, limited, quantity, refuse
+from runout.config.fetch import InputFile
 from runout.config.friction import ANGLE, KEY, OF_RELEASE, FrictionSettings, OwnFriction, own_friction
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
@@ -37,7 +38,6 @@ from runout.config.quantities import (
     Thickness,
 )
 from runout.config.release_start import START_TIME, START_VELOCITY, STARTS_WHEN, ArrivalSettings, Velocity
-from runout.config.remote import InputFile
 from runout.config.scenarios import FAILS, ScenarioSettings
 from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from runout.config.bed import read_bed
 from runout.config.document import Location
-from runout.config.fetch import locate
+from runout.config.fetch import RemoteFile, locate
 from runout.config.inflow import read_inflows
 from runout.config.input_readers import build_obstacles, read_elevations, read_releases, read_zones
 from runout.config.observations import READERS, read_observations
 from runout.config.probes import read_probes
-from runout.config.remote import RemoteFile
 from runout.config.schema import SiteSettings
 from runout.config.scheme import is_file
 from runout.config.stated_at import Reading

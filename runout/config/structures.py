@@ -144,7 +144,7 @@ def read_bodies(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "Bo
         raise
     if not is_mesh(ground.dem):
         return bodies
-    from runout.structures.overhangs import read_overhangs
+    from runout.structures.read import read_overhangs
 
     mesh = Path(locate(ground.dem, file.parent))
     return bodies.and_more(read_overhangs(mesh, terrain, ground.overhang_friction_angle_deg))

@@ -28,7 +28,7 @@ from runout.model.facts import as_html, as_text
 
 if TYPE_CHECKING:
     from runout.config.site import Site
-    from runout.ensemble.standby import Standby
+    from runout.ensemble.workers import Standby
     from runout.simulation.result import Result
 
 LOGGER = logging.getLogger(__name__)

@@ -1,29 +1,69 @@
-"""Distributes members to this process or to worker processes (:mod:`runout.ensemble.worker`)."""
+"""Distributes members to this process or to worker processes (:mod:`runout.ensemble.worker`).
+
+Also the cores and the memory that this process may use, of the machine or of its container, and workers that start before their
+work is known: they import what members need while this process reads its inputs.
+"""
 
 import logging
 import os
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import wait
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Self
+
+import psutil
 
 from runout.backends.protocol import devices_of
-from runout.ensemble import machine
 from runout.ensemble.dispatch import Died, Outcome, feed, outcomes
 from runout.ensemble.worker import END_SECONDS, Done, Group, Progress, Ready, Task, Worker, done, packed, start_worker
 from runout.errors import ConfigError, DeviceError
 
-if TYPE_CHECKING:
-    from runout.ensemble.standby import Standby
-
+CGROUP = Path("/sys/fs/cgroup")  # control groups: version 2 has cpu.max and memory.max here, version 1 a folder for each controller
 LOGGER = logging.getLogger(__name__)
 MEMORY_SHARE = 0.9  # share of the memory of the machine for all workers together
 MEMORY_END = 0.95  # fraction of its share above which a worker is terminated
 LOOK_SECONDS = 0.2  # [s] between two checks of the memory of the workers
 START = threading.Lock()  # processes are started one after the other, since they inherit the environment
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+MOST = 8  # processes that wait; memory may not hold as many members as there are cores
+IMPORTED = ("runout.simulation.single", "runout.backends.scan.backend", "xarray", "netCDF4")  # by every member on the CPU
+
+
+def core_count() -> int:
+    """Number of cores that this process may use, at least 1."""
+    process = psutil.Process()
+    cores = len(process.cpu_affinity()) if hasattr(process, "cpu_affinity") else os.cpu_count() or 1
+    share = _numbers("cpu.max") or _numbers("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
+    if len(share) == 2 and share[0] > 0 and share[1] > 0:
+        cores = min(cores, max(1, round(share[0] / share[1])))
+    return max(1, cores)
+
+
+def memory_bytes() -> int:
+    """Memory [byte] that all processes on this machine or in this container may use together."""
+    total = int(psutil.virtual_memory().total)
+    limit = _numbers("memory.max") or _numbers("memory/memory.limit_in_bytes")
+    return min(total, int(limit[0])) if limit and limit[0] > 0 else total
+
+
+def resident_bytes(process: int) -> int:
+    """Memory [byte] that a process holds now; 0 if it has ended."""
+    try:
+        return int(psutil.Process(process).memory_info().rss)
+    except psutil.NoSuchProcess:
+        return 0
+
+
+def _numbers(*files: str) -> list[float]:
+    """Numbers in files of the control group; empty if a file or a limit is missing."""
+    try:
+        words = [word for name in files for word in (CGROUP / name).read_text(encoding="ascii").split()]
+        return [float(word) for word in words]
+    except (OSError, ValueError):  # no such controller, or "max": no limit
+        return []
 
 
 @dataclass(frozen=True)
@@ -37,7 +77,7 @@ class Capacity:
     @classmethod
     def here(cls, device: str) -> "Capacity":
         """Capacity of this machine, or of its container, for the device of a site."""
-        return cls(machine.core_count(), machine.memory_bytes(), devices_of(device))
+        return cls(core_count(), memory_bytes(), devices_of(device))
 
     def holds(self, member_bytes: float) -> int:
         """How many members of that memory [byte] fit at the same time."""
@@ -52,7 +92,7 @@ def worker_count(workers: int | None, threads_per_worker: int, cores: int | None
     for name, number in (("workers", workers), ("threads_per_worker", threads_per_worker)):
         if number is not None and number < 1:
             raise ConfigError(f"{name} is {number}; at least 1 is needed")
-    cores = cores or machine.core_count()
+    cores = cores or core_count()
     most = max(1, cores // threads_per_worker)
     if workers is not None and workers > most:
         text = "%d workers of %d threads need more than the %d cores; %d are used"
@@ -142,7 +182,7 @@ def in_workers(
     Raises DeviceError if no worker process can be started.
     """
     workers = min(workers, len(groups))
-    memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)
+    memory = int(MEMORY_SHARE * memory_bytes() / workers)
     with Workforce(task, workers, threads, tuple(devices), memory, standby) as force:
         yield from feed(force, groups, advance)
 
@@ -238,7 +278,7 @@ class Workforce:
         by_pipe = {worker.pipe: worker for worker in self.workers if not worker.pipe.closed}
         heard = wait(list(by_pipe), 0.0 if closed else LOOK_SECONDS)
         for worker in self.workers:
-            if worker.group and machine.resident_bytes(worker.process.pid or 0) > MEMORY_END * self.memory:
+            if worker.group and resident_bytes(worker.process.pid or 0) > MEMORY_END * self.memory:
                 worker.process.kill()
         return closed + [worker for pipe, worker in by_pipe.items() if pipe in heard]
 
@@ -267,3 +307,36 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
         for name in set(os.environ) - set(before):
             del os.environ[name]
         os.environ.update(before)
+
+
+class Standby:
+    """Context of worker processes for members on the CPU, which :meth:`take` gives away.
+
+    ``number``, ``threads``: number of workers, of which at most :data:`MOST` start ahead, and threads of each.
+    """
+
+    def __init__(self, number: int, threads: int):
+        self.threads, self.workers = threads, list[Worker]()
+        self.number = number
+
+    def __enter__(self) -> Self:
+        with suppress(DeviceError):  # the run says that no process can be started, if that is still so when it needs one
+            for number in range(min(self.number, MOST)):
+                self.workers.append(started(number, None, self.threads, IMPORTED))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.dismiss()
+
+    def dismiss(self) -> None:
+        """End the processes that nobody has taken."""
+        while self.workers:
+            self.workers.pop().end()
+
+    def take(self, number: int, threads: int) -> Worker | None:
+        """A process for the worker of this number, with so many threads; None if there is none."""
+        if threads != self.threads or not self.workers:
+            return None
+        worker = self.workers.pop()
+        worker.number = number
+        return worker

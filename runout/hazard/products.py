@@ -37,7 +37,7 @@ from runout.model.terrain import Terrain
 from runout.quantities import INFLOW_MAP
 from runout.release.statements import record, start_sentences
 from runout.scores.observations import Observations
-from runout.terrain.fill import continued
+from runout.terrain.open_edge import continued
 from runout.terrain.prepare import steepness
 from runout.terrain.relief import half_width
 from runout.terrain.roughness import of_ground

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from runout.model.shared_subset import for_arrays
+from runout.model.registered_law import for_arrays
 from runout.physics import bspline, heightfield
 
 STRIP = 64  # rows and columns of coefficients that are resampled at once

@@ -3,6 +3,8 @@
 A flow on a slope becomes thin, and layers thinner than a cell need several particles above each other: a layer of one level carries
 too little pressure at its rim. A mass that friction holds on level ground stays thick, and more particles in plan are more accurate
 there (docs/decisions/11-particle-arrangement.md).
+
+The heights of particles are staggered from column to column by ordered dither.
 """
 
 import math
@@ -16,7 +18,7 @@ from runout.model.friction import FrictionZones
 from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.materials import Material
 from runout.model.release import Release
-from runout.terrain.fill import filled
+from runout.terrain.open_edge import filled
 from runout.terrain.prepare import reachable, steepness
 
 LEVEL = (3, 3, 1)  # particles per cell for a thick mass on level ground
@@ -24,6 +26,10 @@ THICK = 4.5  # least cells through a thick mass; for thinner ones (2, 2, 4) is a
 THIN = 0.5  # cells through a mass; thinner ones get as many levels through their thickness as others through a cell
 MOST_LEVELS = 32
 HELD = 2.0  # ratio of friction to slope above which friction holds a mass
+ORDER = np.array([[0, 2], [3, 1]])  # levels of neighbours differ as much as possible
+LEVELS = ORDER.size
+CLOSE = 1e-9  # round-off as a share of a layer
+PLASTIC = 0.7548776662466927, 0.5698402909980532  # steps of a sequence of low discrepancy in the plane (Roberts 2018)
 
 
 def default_particles(
@@ -83,3 +89,44 @@ def _steepest(releases: Sequence[Release], friction: float) -> float:
     if HELD * below >= friction:
         return below
     return float(slope[reachable(terrain, thickness, math.atan(friction))].max())
+
+
+def shares(index: np.ndarray) -> np.ndarray:
+    """Position of the particles of a column within their layer, from 0 at the bottom to 1 [1].
+
+    There are four levels, each once in every two by two columns. Together these have four times as many heights of particles as
+    one column. The lowest level lies half a level above the bottom. The order is that of Bayer (1973, An optimum method for
+    two-level rendition of continuous-tone pictures).
+
+    ``index`` (n, 2): of the columns, east and north.
+    """
+    return (ORDER[index[:, 0] % 2, index[:, 1] % 2] + 0.5) / LEVELS
+
+
+def rows(thickness: np.ndarray, layer: float) -> np.ndarray:
+    """Layers (m,) of about ``layer`` [m] into which columns of a thickness (m,) [m] are divided, at least one."""
+    return np.maximum(1, np.floor(thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # a half is rounded up in spite of round-off
+
+
+def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Column (n,), height above its bottom (n,) [m] and layer height (n,) [m] of particles that fill columns.
+
+    Parameters
+    ----------
+    index : ndarray (m, 2)
+        Of the columns, east and north.
+    thickness : ndarray (m,)
+        Of the columns [m]; each is divided into equal layers, one at least.
+    layer : float
+        Nominal height of a layer [m]; the number of layers is rounded to the nearest.
+    """
+    count = rows(thickness, layer)
+    column = np.repeat(np.arange(len(count)), count)
+    row = np.arange(len(column)) - np.repeat(np.cumsum(count) - count, count)
+    height = (thickness / count)[column]
+    return column, (row + shares(index)[column]) * height, height
+
+
+def half_size(height: np.ndarray) -> np.ndarray:
+    """Half the distance [m] of levels for layers of ``height`` (n,) [m]; with this radius the lowest particles touch the ground."""
+    return 0.5 * height / LEVELS

@@ -11,7 +11,7 @@ from runout.errors import ReleaseError
 from runout.io.polygon_coverage import ROUND_OFF, covered_area, covered_centroid, regrid, regrid_within
 from runout.model.particles import CHUNK
 from runout.model.release import Release
-from runout.release import stagger
+from runout.release import arrangement
 
 THINNEST = 1e-6  # columns thinner than this share of a particle layer get no particle; their volume goes to the others
 CLOSE = 1e-9  # share of the volume that regridding may miss by round-off
@@ -61,7 +61,7 @@ class Columns:
     @cached_property
     def rows(self) -> np.ndarray:
         """Layers (m,) of particles in each column."""
-        return stagger.rows(self.thickness, self.layer)
+        return arrangement.rows(self.thickness, self.layer)
 
     @property
     def volumes(self) -> np.ndarray:

@@ -4,24 +4,38 @@ At a line, particles are born in planes along it. A plane is born once the flow 
 has the volume that entered meanwhile. So the planes fill the flow without gaps, whatever its speed, and their volumes sum to that
 of the hydrograph. A flow thinner than half a layer of particles pools its volume until it gives whole particles, whose places
 along the line are those of a sequence of low discrepancy. Over a polygon every particle is one such place.
+
+The reader of a line or polygons of a vector file, with a hydrograph of a CSV file, is here as well.
 """
 
+import logging
 import math
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from runout.errors import ConfigError
+from runout.errors import ConfigError, InputError, Problem
+from runout.io.boundary import as_path
+from runout.io.hydrographs import read_hydrograph
 from runout.io.polygon_coverage import covered_area
-from runout.model.inflow import STRIP, Cumulative, Inflow
+from runout.io.polygons import read_frame, read_polygons
+from runout.io.probe_layers import read_lines
+from runout.model.basal_friction import BasalFriction
+from runout.model.inflow import STRIP, Cumulative, Hydrograph, Inflow
+from runout.model.limits import checked
+from runout.model.materials import Material
+from runout.model.pore_pressure import PorePressure
 from runout.model.release import Edge, Placement, Release
 from runout.model.terrain import Terrain
-from runout.release import stagger
+from runout.release import arrangement
 
 GOLDEN = 0.6180339887498949  # step of a sequence of low discrepancy on a line
 THIN = 0.5  # layers of particles; thinner planes give single particles
 SHARE_AT_ONCE = 0.25  # layers by which a polygon rises between two births
+log = logging.getLogger(__name__)
+LINE, POLYGON = "line", "polygon"
 
 
 @dataclass(frozen=True)
@@ -104,7 +118,7 @@ def _pooled(owed: np.ndarray, how: Spacing, length: float) -> tuple[np.ndarray, 
         pool += more
         deep = pool / area
         if deep >= THIN * how.layer:
-            count[k], thickness[k] = how.columns * int(stagger.rows(np.array([deep]), how.layer)[0]), deep
+            count[k], thickness[k] = how.columns * int(arrangement.rows(np.array([deep]), how.layer)[0]), deep
             volume[k], pool = pool / count[k], 0.0
         elif pool >= how.volume:
             count[k], volume[k] = int(pool / how.volume), how.volume
@@ -145,7 +159,7 @@ def places_in(polygon: Any, count: int) -> np.ndarray:
     shapely.prepare(polygon)
     inside, number, size = np.zeros((0, 2)), 0, max(64, 2 * count)
     while len(inside) < count:
-        q = (0.5 + np.outer(number + 1 + np.arange(size), stagger.PLASTIC)) % 1.0
+        q = (0.5 + np.outer(number + 1 + np.arange(size), arrangement.PLASTIC)) % 1.0
         places = np.array([west, south]) + q * np.array([east - west, north - south])
         inside, number = np.concatenate([inside, places[shapely.contains_xy(polygon, *places.T)]]), number + size
     return inside[:count]
@@ -222,3 +236,57 @@ def slope_at(inflow: Inflow) -> float:
     places = inflow.places(64)
     rise = ground_at(terrain, places + 0.5 * step) - ground_at(terrain, places - 0.5 * step)
     return float(np.nanmean(rise) / max(terrain.cell_size)) if np.isfinite(rise).any() else 0.0
+
+
+def read_inflow(
+    path: str | PathLike[str],
+    terrain: Terrain,
+    hydrograph: Hydrograph | str | PathLike[str],
+    *,
+    kind: str | None = None,
+    thickness: float | None = None,
+    layer: str | None = None,
+    name: str | None = None,
+    material: Material | None = None,
+    basal_friction_angle_deg: float | None = None,
+    basal_friction: BasalFriction | None = None,
+    pore_pressure: PorePressure | None = None,
+) -> Inflow:
+    """Inflow of :meth:`runout.Inflow.from_vector`; ``kind`` "line" or "polygon" is what the file holds, by default whichever it is.
+
+    Raises InputError if a file cannot be used, with place, value and remedy.
+    """
+    source = as_path(path, InputError)
+    what = kind or _kind_of(path, layer)
+    line = polygon = None
+    changes: tuple[str, ...]
+    if what == LINE:
+        lines, changes = read_lines(source, terrain, layer, key="layer")
+        if len(lines) != 1:
+            said = f"the layer has {len(lines)} lines, an inflow has one"
+            raise ConfigError([Problem(str(source), None, "", said, "write an inflow for each, with a file or a layer of its own")])
+        line = lines[0].vertices
+    else:
+        import shapely
+
+        polygons = read_polygons(source, terrain, layer, "inflow")
+        polygon, changes = shapely.union_all(polygons.polygons), polygons.changes
+    series = hydrograph if isinstance(hydrograph, Hydrograph) else read_hydrograph(hydrograph)
+    angle = None
+    if basal_friction_angle_deg is not None:
+        angle = math.radians(checked("basal_friction_angle", basal_friction_angle_deg, place=str(source), error=ConfigError))
+    for change in changes:
+        log.warning(change)
+    inflow = Inflow(
+        terrain, series, line=line, polygon=polygon, thickness=thickness, name=name or source.stem, source=str(source),
+        material=material, basal_friction_angle=angle, basal_friction=basal_friction, pore_pressure=pore_pressure, changes=changes,
+    )  # fmt: skip
+    mass_at(inflow)  # refuses what leaves the terrain or its known cells
+    return inflow
+
+
+def _kind_of(path: Any, layer: str | None) -> str:
+    """Whether a file holds polygons or something else, which is read as lines."""
+    frame, _ = read_frame(as_path(path, InputError), layer, "inflow")
+    kinds = {str(g.geom_type) for g in frame.geometry if g is not None}
+    return POLYGON if kinds and kinds <= {"Polygon", "MultiPolygon"} else LINE

@@ -10,8 +10,7 @@ from runout.scores.elevation_change import ChangeErrors, change_errors, elevatio
 from runout.scores.energy_line import ReleasePoint, Start, energy_line_angle, release_point
 from runout.scores.error_bars import ErrorBars
 from runout.scores.field_errors import FieldErrors, field_errors
-from runout.scores.grid import Grid, resampled
-from runout.scores.outline import outline_shares
+from runout.scores.grid import Grid, outline_shares, resampled
 from runout.scores.points import PointErrors, arrival_errors, arrival_or_never, point_errors, values_at
 from runout.scores.reaches import ReachErrors, Reaches, reach_errors
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope, vertical_thickness

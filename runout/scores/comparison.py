@@ -10,17 +10,25 @@ import numpy as np
 from runout.errors import ObservationError
 from runout.io.member_maps import read_maps
 from runout.model.terrain import Terrain
-from runout.scores.assessment import Assessment, Setting, add_areas, add_arrivals, add_maps, against_observations, quantity_name
+from runout.scores.assessment import (
+    NO_BARS,
+    Assessment,
+    Setting,
+    add_areas,
+    add_arrivals,
+    add_maps,
+    against_observations,
+    quantity_name,
+    scores_of,
+)
 from runout.scores.elevation_change import change_errors
 from runout.scores.energy_line import release_point
 from runout.scores.flow import DEPTHS, UNITS, Flow
-from runout.scores.grid import Grid, common_grid, placed, resampled
+from runout.scores.grid import Grid, common_grid, outline_shares, placed, resampled
 from runout.scores.members import Member, Probabilities, add_brier, ranked, scored_members, valid_members
 from runout.scores.observations import Observations
-from runout.scores.outline import outline_shares
 from runout.scores.products import Product, Reading, VectorContent, member_product, read_product, read_vector
 from runout.scores.read import Nodata, read_thalweg, where_dry
-from runout.scores.scoring import NO_BARS, scores_of
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
 
 DEFAULT_THRESHOLDS = (0.1, 0.5, 1.0)

@@ -1,4 +1,4 @@
-"""Grids of maps, and maps brought to another grid by area."""
+"""Grids of maps, maps brought to another grid by area, and outlines as shares of the cells of a grid."""
 
 import math
 from collections.abc import Iterable
@@ -12,6 +12,7 @@ from runout.errors import ObservationError, ReleaseError
 from runout.io.layer_crs import Points, ToTerrain, to_terrain
 from runout.io.polygon_coverage import SAME_EDGE, regrid
 from runout.model.terrain import Terrain
+from runout.terrain.overlay import on_cells
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -216,3 +217,16 @@ def _at(layers: list[np.ndarray], grid: Grid, points: np.ndarray) -> list[Any]:
     inside = (row >= 0) & (column >= 0) & (row < grid.shape[0]) & (column < grid.shape[1])  # false where not finite
     i, j = (np.where(inside, place, 0).astype(np.int64) for place in (row, column))
     return [np.where(inside, layer[i, j], 0.0) for layer in layers]
+
+
+def outline_shares(outline: Any, grid: Grid) -> np.ndarray:
+    """Share (rows, columns) of each cell that an outline covers [1], exact; holes are outside.
+
+    Parameters
+    ----------
+    outline : shapely Polygon or MultiPolygon
+        In the map coordinates of the grid. What lies beyond the grid is left out: enlarge the grid first
+        (:meth:`runout.scores.Grid.covering`).
+    """
+    covered, _, _ = on_cells(np.array([outline], dtype=object), np.ones(1), grid.terrain())
+    return np.clip(np.ascontiguousarray(covered.T[::-1]), 0.0, 1.0)  # areas of parts may add up to more by rounding

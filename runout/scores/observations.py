@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ObservationError
-from runout.scores.gauges import Gauges
-from runout.scores.grid import Grid, resampled
-from runout.scores.outline import outline_shares
+from runout.scores.grid import Grid, outline_shares, resampled
+from runout.scores.points import Gauges
 from runout.scores.reaches import Reaches
 from runout.scores.thalweg import Thalweg
 

@@ -1,6 +1,7 @@
-"""Values of a map at points, and errors of arrival, thickness and speed there."""
+"""Points at which a flow was observed: values of a map there, and errors of arrival, thickness and speed."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,8 @@ import numpy as np
 
 from runout.scores.field_errors import differences
 from runout.scores.grid import Grid
+
+POINT_UNITS = {"arrival_time": "s", "thickness": "m", "speed": "m s-1"}
 
 
 @dataclass(frozen=True)
@@ -77,3 +80,19 @@ def arrival_or_never(arrival: np.ndarray, thickness: np.ndarray) -> np.ndarray:
     Maps of runout have no arrival in both; the thickness tells them apart.
     """
     return np.where(np.isnan(arrival) & np.isfinite(thickness), np.inf, arrival)
+
+
+@dataclass(frozen=True)
+class Gauges:
+    """Points with observed values."""
+
+    # easting, northing (n,): map coordinates [m]
+    easting: np.ndarray
+    northing: np.ndarray
+    # ``arrival_time`` [s], ``thickness`` [m, vertical] and ``speed`` [m/s], as far as observed; NaN where unknown
+    values: Mapping[str, np.ndarray]
+
+    def label(self, index: int) -> str:
+        """What was observed at a point, for maps."""
+        known = {name: float(values[index]) for name, values in self.values.items() if np.isfinite(values[index])}
+        return ", ".join(f"{value:.3g} {POINT_UNITS[name].replace('m s-1', 'm/s')}" for name, value in known.items())

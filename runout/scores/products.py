@@ -20,9 +20,8 @@ from runout.model.terrain import Terrain
 from runout.quantities import ARRIVAL_PERCENTILE, QUANTITIES
 from runout.scores.error_bars import ErrorBars
 from runout.scores.flow import IN_FILES, OF_BED_ENSEMBLE, OF_BED_MEMBER, OF_ENSEMBLE, OF_MEMBER, TITLES, Flow, percentile_of
-from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
-from runout.scores.points import arrival_or_never
+from runout.scores.points import POINT_UNITS, Gauges, arrival_or_never
 from runout.scores.read import Nodata, observation_errors, read_gauges, read_map, read_outline
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from runout.io.polygons import PolygonLayer, read_frame, read_polygons
 from runout.model.terrain import Terrain
 from runout.quantities import QUANTITIES
 from runout.scores.flow import IN_FILES, OF_BED_MEMBER, OF_MEMBER
-from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
+from runout.scores.points import POINT_UNITS, Gauges
 from runout.scores.thalweg import Thalweg
 from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan
 from runout.terrain.source import Quantity, north_up_in_unit_of, open_source

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ObservationError
-from runout.terrain.fill import continued
+from runout.terrain.open_edge import continued
 from runout.terrain.prepare import steepness
 
 

@@ -35,7 +35,7 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED
-from runout.release import stagger
+from runout.release import arrangement
 from runout.simulation.bed_share import DepositMass
 from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births, rounding_of
 
@@ -99,7 +99,7 @@ class ErodingBed:
         self.ground_at_start = self.ground.change.copy()
         self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
-        self.radius = float(stagger.half_size(np.array(scene.spacing[2] / per_axis[2])))
+        self.radius = float(arrangement.half_size(np.array(scene.spacing[2] / per_axis[2])))
         self.record, self.basal = self._bed_record(), scene.basal.table()
         self._begin_anew(shape)
 
@@ -262,7 +262,7 @@ class ErodingBed:
         x, y = (
             np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
             for index, step, h, cells, size in zip(
-                (i, j), stagger.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
+                (i, j), arrangement.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
             )
         )
         z, east, north = self.ground.evaluate(x, y)

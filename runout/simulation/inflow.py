@@ -27,7 +27,7 @@ from runout.model.inflow import Inflow
 from runout.model.nodal_surface import NodalSurface
 from runout.model.particles import Particles
 from runout.model.scene import Scene
-from runout.release import inlet, stagger
+from runout.release import arrangement, inlet
 
 LOGGER = logging.getLogger(__name__)
 CROWDED = 0.55  # of the thickness of a plane: where columns of the flow have more, its particles are looked at
@@ -223,9 +223,9 @@ class LineSource(HydrographSource):
         column = np.repeat(np.arange(len(rows)), rows)
         row = np.arange(len(column)) - np.repeat(np.cumsum(rows) - rows, rows)
         height = (thickness / rows)[column]
-        z = ground[column] + lift[column] + (row + stagger.shares(index)[column]) * height
+        z = ground[column] + lift[column] + (row + arrangement.shares(index)[column]) * height
         newborn = self._particles(np.column_stack([plan[column], z]), births.volume[birth][column])
-        newborn.radius[:] = stagger.half_size(height) / np.sqrt(1.0 + east**2 + north**2)[column]
+        newborn.radius[:] = arrangement.half_size(height) / np.sqrt(1.0 + east**2 + north**2)[column]
         newborn.velocity[:] = self._velocities(births.speed[birth], thickness, east, north)[column]
         self.lifted += float(newborn.volume[(lift > 0.0)[column]].sum())
         return newborn
@@ -283,7 +283,7 @@ class PolygonSource(HydrographSource):
         size = births.volume[birth] / (self.how.along * self.how.across)
         z = ground + self._top_of_flow(engine, plan) + 0.5 * size
         newborn = self._particles(np.column_stack([plan, z]), births.volume[birth])
-        newborn.radius[:] = stagger.half_size(size) / np.sqrt(1.0 + east**2 + north**2)
+        newborn.radius[:] = arrangement.half_size(size) / np.sqrt(1.0 + east**2 + north**2)
         slope = np.hypot(east, north)
         horizontal = births.speed[birth] / np.sqrt(1.0 + slope**2)
         newborn.velocity[:, :2] = -(horizontal / np.maximum(slope, 1e-12))[:, None] * np.column_stack([east, north])

@@ -7,7 +7,7 @@ import numpy as np
 from runout.backends.protocol import NodeSums
 from runout.model.nodal_surface import TILE, WIDTH, NodalSurface
 from runout.model.scene import Raster, Scene
-from runout.release import stagger
+from runout.release import arrangement
 
 POOL_WIDTHS = 2, 4, 8, 16  # nodes
 DITHER = 0.35  # particles by which the rounding of a pool differs from a half at most
@@ -121,7 +121,7 @@ def rounding_of(first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
     It differs from node to node by :data:`DITHER`, so that a flow that is the same everywhere does not grow in jumps.
     """
     i, j = (start + np.arange(n) for start, n in zip(first, shape, strict=True))
-    return 0.5 + DITHER * (1.0 - 2.0 * ((i[:, None] * stagger.PLASTIC[0] + j * stagger.PLASTIC[1]) % 1.0))  # type: ignore[no-any-return]
+    return 0.5 + DITHER * (1.0 - 2.0 * ((i[:, None] * arrangement.PLASTIC[0] + j * arrangement.PLASTIC[1]) % 1.0))  # type: ignore[no-any-return]
 
 
 def births(

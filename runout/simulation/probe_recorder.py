@@ -18,8 +18,8 @@ from runout.backends.compile import array_binding
 from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
 from runout.model.probes import CrossSection, Probe, Probes, ProbeSeries, cell_of
+from runout.model.registered_law import for_arrays
 from runout.model.scene import Scene
-from runout.model.shared_subset import for_arrays
 from runout.model.terrain import Terrain
 from runout.quantities import ARRIVAL, peak_quantities
 

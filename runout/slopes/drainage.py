@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.errors import LibraryError
 from runout.terrain.averaging import block_means
-from runout.terrain.fill import filled
+from runout.terrain.open_edge import filled
 
 if TYPE_CHECKING:
     from runout.model.terrain import Terrain

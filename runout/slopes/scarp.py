@@ -1,6 +1,11 @@
-"""Scarps: thickness of a mass above an ellipsoid or a set of planes, which thins out to the rim."""
+"""Scarps: thickness of a mass above an ellipsoid or a set of planes, which thins out to the rim.
 
+``runout scarp`` writes the thickness as a raster that a site takes as a release.
+"""
+
+import logging
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -9,12 +14,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.errors import ReleaseError
+from runout import __version__, log
+from runout.config.schema import NAME
+from runout.errors import ConfigError, ExitCode, ReleaseError
+from runout.hazard.style import class_edges, qml
+from runout.io.atomic import write_json, write_text
+from runout.io.geotiff import write_cog
+from runout.io.netcdf import map_dataset
 from runout.model.limits import Range, checked, checked_within
 from runout.release.ground import require_elevation, require_inside
 from runout.release.read import release_from_array
-from runout.terrain.fill import filled
+from runout.slopes.choices import ScarpChoices, record
+from runout.slopes.place import read_place
+from runout.terrain.open_edge import filled
 from runout.terrain.overlay import covered_part
+from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     from runout.model.release import Release
@@ -24,6 +38,8 @@ POINTS_OF_AN_AXIS = 24  # along a semi-axis of an ellipsoid, at least
 _DIP, _AZIMUTH = Range(0, 89, "deg"), Range(-360, 360, "deg")
 POINTS = 8  # along each side of a cell, at which the thickness is averaged
 Points = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # thickness [m] at easting, northing, ground [m]
+LOGGER = logging.getLogger("runout.slopes")
+FOLDER = "scarp"
 
 
 @dataclass(frozen=True)
@@ -298,3 +314,37 @@ def mean_thickness(terrain: "Terrain", thickness: Points, cells: np.ndarray, poi
     values = np.zeros(terrain.shape)
     values[rows, columns] = total / points**2
     return values
+
+
+def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
+    """Make the scarp that is stated and write ``scarp/NAME.tif`` of the results with a record of its choices."""
+    if not re.fullmatch(NAME, choices.name):
+        raise ConfigError(f"--name is {choices.name!r}; use letters, digits, - and _")
+    place = read_place(path, out)
+    terrain = place.terrain
+    release = _scarp(terrain, choices)
+    file = place.results / FOLDER / f"{choices.name}.tif"
+    maps = map_dataset(terrain, {"release_thickness": release.thickness}, title=f"{place.name}: scarp {choices.name}")
+    stored = maps["release_thickness"].values.astype(np.float64)
+    volume = float(stored.sum() * terrain.cell_area)
+    contents = {"runout": __version__, "elevation": terrain.source, **record(choices), "volume_m3": volume}
+    contents |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
+    write_cog(maps, "release_thickness", file)
+    edges = class_edges("release_thickness", (), 0.0, float(stored.max()))
+    write_text(qml(edges, VARIABLES["release_thickness"].printed[0], "release_thickness"), file.with_suffix(".qml"))
+    write_json(contents, file.with_suffix(".json"))
+    console = log.output()
+    console.print(f"volume: {volume:.9g} m3", markup=False)
+    console.print(f"area: {release.area:.6g} m2; largest thickness {release.thickness.max():.4g} m", markup=False)
+    LOGGER.info("wrote %s; a site takes it as `release: [{raster: %s}]`, and `runout new` as --release", file, file.name)
+    return ExitCode.OK
+
+
+def _scarp(terrain: "Terrain", choices: ScarpChoices) -> "Release":
+    if choices.ellipsoid is not None:
+        east, north, along, across, depth = choices.ellipsoid
+        return scarp_ellipsoid(
+            terrain, (east, north), (along, across), depth, azimuth_deg=choices.azimuth, tilt_deg=choices.tilt,
+            volume=choices.volume, name=choices.name,
+        )  # fmt: skip
+    return scarp_planes(terrain, choices.plane, outline=choices.outline, volume=choices.volume, name=choices.name)

@@ -9,7 +9,7 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.surface import Surface
-from runout.release import stagger
+from runout.release import arrangement
 
 SPACING = 2.0  # [m]
 PER_CELL = 2  # particles of a cell along an axis
@@ -67,7 +67,7 @@ class Layer:
         own = SPACING / per_cell
         counts = (per_cell * (*self.columns, self.depth)).tolist()
         index = np.stack(np.unravel_index(np.arange(math.prod(counts)), counts), axis=1)
-        q = index + np.column_stack([rng.uniform(0.0, 1.0, (len(index), 2)), stagger.shares(index[:, :2])])
+        q = index + np.column_stack([rng.uniform(0.0, 1.0, (len(index), 2)), arrangement.shares(index[:, :2])])
         q[:, 1] += np.where(q[:, 1] >= counts[1] / 2, self.gap * PER_CELL, 0)
         x = q * own + np.array([MARGIN * SPACING, MARGIN * SPACING, 0.0])
         above = self.depth * SPACING - q[:, 2] * own[2]
@@ -75,7 +75,7 @@ class Layer:
         p = Particles.at(x, np.full(3, SPACING))
         p.volume[:] = own.prod()
         p.mass[:] = SAND.density * own.prod()
-        p.radius[:] = stagger.half_size(own[2])
+        p.radius[:] = arrangement.half_size(own[2])
         stiffness = SAND.lame_lambda + 2 * SAND.shear_modulus
         p.strain[:, 2] = np.expm1(-2 * SAND.density * STANDARD_GRAVITY * above / stiffness)
         down = np.array([1.0, 0.0, 0.0]) if self.aligned else np.array([math.cos(SLOPE), 0.0, -math.sin(SLOPE)])

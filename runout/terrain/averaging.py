@@ -8,7 +8,7 @@ from runout.errors import ConfigError, DemError, Problem
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.terrain import relief
-from runout.terrain.fill import continued
+from runout.terrain.open_edge import continued
 
 FINEST_RESOLUTION = 0.75  # smallest useful terrain.resolution, as a share of the raster's cell
 FEWEST_AVERAGED = 3  # cells along a side

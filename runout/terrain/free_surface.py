@@ -6,7 +6,7 @@ import numpy as np
 
 from runout.model.release import Release
 from runout.model.surface import Surface
-from runout.terrain.fill import filled
+from runout.terrain.open_edge import filled
 from runout.terrain.sdf import raster_surface
 
 AROUND = 3  # cells of the grid around the release that its surface looks at

@@ -10,7 +10,7 @@ from runout.io import crs as coordinate_systems
 from runout.io.elevation_raster import ElevationRaster, moved
 from runout.io.units import factor_to
 from runout.model.terrain import Terrain
-from runout.terrain.fill import filled
+from runout.terrain.open_edge import filled
 from runout.terrain.source import ELEVATION, in_unit_of, north_up
 
 LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]

@@ -15,7 +15,7 @@ from runout.physics import heightfield, tensors
 from runout.terrain import crests, relief
 from runout.terrain.content_store import ContentStore, content_key
 from runout.terrain.crests import Box, Mass, crest_window, most_cells, needs_table
-from runout.terrain.fill import continued
+from runout.terrain.open_edge import continued
 from runout.terrain.prepare import require_known
 
 BEYOND = 3  # nodes beyond the cells whose crests are corrected
@@ -155,7 +155,7 @@ def raster_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spa
 
     Its coefficients lie on the nodes of the grid, or on the cells of a coarser raster (:mod:`runout.terrain.relief`). Planes and
     parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`); cliffs and dams get no lip and no moat that the
-    raster does not have. Into cells without an elevation the surface is continued (:func:`runout.terrain.fill.continued`); no
+    raster does not have. Into cells without an elevation the surface is continued (:func:`runout.terrain.open_edge.continued`); no
     mass stays there, see :mod:`runout.terrain.open_edge`.
 
     ``thickness_excavated`` (rows, columns): vertical thickness of the masses that lie below the surface [m]. ``spacing``:

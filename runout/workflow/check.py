@@ -408,7 +408,7 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     """Warn of mass that cannot slide out of its scar, for the stated release or, if there is none, for the worst member."""
     from runout.config.friction import OF_RELEASE, PREFIX, sampled_ranges
     from runout.model.release import Edge, Placement
-    from runout.release.outlets import trapped_share
+    from runout.release.taper import trapped_share
 
     if release.placement is Placement.ON_SURFACE:
         return

@@ -199,7 +199,7 @@ def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str
 
 def _sheared_by_drag(base: Bases, release: "Release", zones: "FrictionZones | None") -> Iterator[str]:
     """Sentence if drag at the base needs more shear than the mass passes on, where a steady flow has the shear of the slope."""
-    from runout.terrain.fill import filled
+    from runout.terrain.open_edge import filled
     from runout.terrain.prepare import reachable, steepness
 
     terrain = release.terrain

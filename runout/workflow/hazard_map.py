@@ -198,8 +198,7 @@ def _possible(study: Study, stages: Sequence[Stage]) -> Sequence[Stage]:
 
 def _start_ahead(study: Study, processes: ExitStack) -> None:
     """Start to compile the kernels of the members, or the processes that compute them, while this one reads the inputs."""
-    from runout.ensemble.standby import Standby
-    from runout.ensemble.workers import share_of
+    from runout.ensemble.workers import Standby, share_of
 
     study.compilation = compile_ahead(study.site)
     stated = study.site.settings.simulation

@@ -18,7 +18,7 @@ from runout.io.draped_image import draped_image
 from runout.io.member_maps import MemberMaps
 from runout.view import film, process
 from runout.view.camera import stated_direction
-from runout.view.frames import flow_scene, held
+from runout.view.film import flow_scene, held
 from runout.view.scene import FlowScene, Mesh, Span, on_structures
 from runout.view.surfaces import COLOURED
 from runout.workflow.opening import has_display

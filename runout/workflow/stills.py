@@ -8,8 +8,7 @@ from runout.errors import RenderError
 from runout.report.stills import Stills
 from runout.view import process
 from runout.view.camera import best_direction
-from runout.view.film import paletted
-from runout.view.frames import maximum_scene
+from runout.view.film import maximum_scene, paletted
 from runout.view.surfaces import scale_of
 from runout.workflow.seeing import structure_meshes
 from runout.workflow.study import Study

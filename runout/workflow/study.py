@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
     from runout.ensemble.run import EnsembleReport
-    from runout.ensemble.standby import Standby
     from runout.ensemble.status import Standing
+    from runout.ensemble.workers import Standby
     from runout.ensemble.written import Written
     from runout.model.terrain import Terrain
     from runout.workflow.growth import Growth

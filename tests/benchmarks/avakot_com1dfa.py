@@ -175,7 +175,7 @@ def variant_numbers(peaks: Peaks, standard: Peaks, line: Any) -> dict[str, Any]:
 def law_numbers(out: Path, law: str, line: Any) -> dict[str, Any]:
     """Settings, numbers and outline of the standard run with a law, and the numbers of its variants."""
     from runout.studies.validation_cases.avakot import EXTENT
-    from runout.studies.validation_cases.rasters import outline_of
+    from runout.studies.validation_cases.case import outline_of
 
     folders = {variant: folder_of(out, law, variant) for variant in RUNS[law]}
     peaks = {variant: read_peaks(folder) for variant, folder in folders.items()}
@@ -192,8 +192,7 @@ def law_numbers(out: Path, law: str, line: Any) -> dict[str, Any]:
 def record(out: Path) -> None:
     """Write the record of all runs."""
     from runout.studies.validation_cases.avakot import OTHER, SOURCE
-    from runout.studies.validation_cases.case import data_folder
-    from runout.studies.validation_cases.rasters import thalweg_of
+    from runout.studies.validation_cases.case import data_folder, thalweg_of
 
     line = thalweg_of(data_folder(SITE, SOURCE) / "Inputs" / "LINES" / "path_aimec.shp")
     laws = {law: law_numbers(out, law, line) for law in RUNS}

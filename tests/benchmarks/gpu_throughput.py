@@ -35,7 +35,7 @@ from runout.model.limits import CFL
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
-from runout.release import stagger
+from runout.release import arrangement
 from tests.benchmarks.gpu_additions import ADDITIONS
 from tests.benchmarks.gpu_naive import measure_naive
 
@@ -72,11 +72,11 @@ def layer(nx: int, ny: int, nz: int, precision: str = "float32", upwards: int = 
     half, own = CELL / 2, CELL / upwards
     i, j, k = np.indices((2 * nx, 2 * ny, upwards * nz)).reshape(3, -1)
     x, y = (i + 0.5) * half + margin * CELL, (j + 0.5) * half + margin * CELL
-    z = (k + stagger.shares(np.column_stack([i, j]))) * own - np.tan(SLOPE) * x
+    z = (k + arrangement.shares(np.column_stack([i, j]))) * own - np.tan(SLOPE) * x
     p = Particles.at(np.column_stack([x, y, z]), np.full(3, CELL))
     p.volume[:] = half * half * own
     p.mass[:] = MATERIAL.density * half * half * own
-    p.radius[:] = stagger.half_size(own) * np.cos(SLOPE)
+    p.radius[:] = arrangement.half_size(own) * np.cos(SLOPE)
     rng = np.random.default_rng(0)
     p.velocity[:] = rng.normal(0.0, 0.05, (len(p), 3)) + 3.0 * np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
     return scene, p

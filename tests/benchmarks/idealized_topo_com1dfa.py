@@ -172,7 +172,7 @@ def plugged(original: Any) -> Any:
 
 def read(inputs: Any, path: Path) -> np.ndarray:
     """A map of com1DFA on the cells of the terrain, 0 where nothing flowed."""
-    from runout.studies.validation_cases.rasters import on_cells
+    from runout.studies.validation_cases.case import on_cells
 
     return np.nan_to_num(on_cells(path, inputs.terrain)).clip(0.0)
 
@@ -204,8 +204,8 @@ def runout_numbers(inputs: Any, angle: float, law: Any) -> dict[str, Any]:
     """Numbers of a run of runout with an internal friction [deg] and a law of friction."""
     import runout
     from runout.scores import slope_normal_thickness
+    from runout.studies.validation_cases.iseesnow import LEVELLED
     from runout.studies.validation_cases.iseesnow import Variant as Choice
-    from runout.studies.validation_cases.iseesnow_cases import LEVELLED
 
     snow, control = Choice(CELLS, LEVELLED, angle).snow, {"snapshot_times": LOOKS, "end_time": END, "threads": 1}
     grid = {"cell_size": CELLS, "particles_per_cell": LEVELLED}

@@ -24,9 +24,8 @@ from runout.config.distributions import Uniform
 from runout.ensemble.design import sobol_points
 from runout.model.terrain import Terrain
 from runout.scores.flow import Flow
-from runout.scores.grid import Grid
+from runout.scores.grid import Grid, outline_shares
 from runout.scores.observations import Observations
-from runout.scores.outline import outline_shares
 
 RECORD = "outline_likelihood.json"
 CELL, ROWS, COLUMNS = 20.0, 40, 90

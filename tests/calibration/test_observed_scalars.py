@@ -8,9 +8,9 @@ from runout.calibration.observed_scalars import KINDS, Measure, observed_scalars
 from runout.errors import ConfigError
 from runout.model.terrain import Terrain
 from runout.scores.flow import Flow
-from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid
 from runout.scores.observations import Observations
+from runout.scores.points import Gauges
 from runout.scores.thalweg import Thalweg
 
 CELL, ROWS, COLUMNS = 10.0, 5, 20

@@ -5,13 +5,11 @@ import pytest
 import shapely
 from test_observed_scalars import RELEASED, TERRAIN, flow
 
-from runout.calibration.observed_scalars import Measure, observed_scalars
-from runout.calibration.outline_parts import PARTS, OutlineParts
+from runout.calibration.observed_scalars import PARTS, Measure, OutlineParts, observed_scalars
 from runout.model.terrain import Terrain
 from runout.report.members import Reach
-from runout.scores.grid import Grid
+from runout.scores.grid import Grid, outline_shares
 from runout.scores.observations import Observations
-from runout.scores.outline import outline_shares
 
 CELL, ROWS, COLUMNS = 10.0, 40, 80
 LARGE = Terrain.from_array(np.zeros((ROWS, COLUMNS)), CELL)

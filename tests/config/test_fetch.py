@@ -12,8 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from runout.config import fetch as fetching
-from runout.config.fetch import cached_path, fetch, without_fetched_folders
-from runout.config.remote import RemoteFile
+from runout.config.fetch import RemoteFile, cached_path, fetch, without_fetched_folders
 from runout.errors import InputError, StorageError
 
 CONTENT = b"ncols 2\nnrows 2\n" * 40

@@ -16,11 +16,10 @@ from odd_sites import odd_yaml, site_text, write_good
 from runout import cli
 from runout.config import bed, friction, material
 from runout.config.document import read_text
-from runout.config.json_schema import BLOCKS, SCHEMA_FILE, site_schema
+from runout.config.json_schema import BLOCKS, SCHEMA_FILE, reasons, site_schema
 from runout.config.pore_pressure import PorePressureSettings
 from runout.config.process_ranges import processes
 from runout.config.read import changed_document, checked, load
-from runout.config.reasons import reasons
 from runout.config.scaffold import new_site
 from runout.config.schema import (
     EnsembleSettings,

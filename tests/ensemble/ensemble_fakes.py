@@ -210,13 +210,13 @@ def wait_until(condition, seconds=60):
 
 def main():
     """Run a slow ensemble of two workers; started as a process of its own, to be killed."""
-    from runout.ensemble import machine
+    from runout.ensemble import workers
     from runout.ensemble.run import run_ensemble
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when the tests themselves run in the background of a shell
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored when they run under nohup
-    machine.core_count = lambda: 2
+    workers.core_count = lambda: 2
     folder, pause = Path(sys.argv[1]), float(sys.argv[2])
     part = range(*map(int, sys.argv[3:])) if sys.argv[3:] else None
     workers = 2 if part is None else 1

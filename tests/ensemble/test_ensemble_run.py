@@ -16,7 +16,7 @@ from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, 
 from netCDF4 import Dataset
 
 from runout import log
-from runout.ensemble import machine, workers
+from runout.ensemble import workers
 from runout.ensemble.member import Member, plan_members, stored_key
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import standings
@@ -32,7 +32,7 @@ ANGLE = "basal_friction_angle_deg"
 
 @pytest.fixture
 def two_cores(monkeypatch):
-    monkeypatch.setattr(machine, "core_count", lambda: 2)
+    monkeypatch.setattr(workers, "core_count", lambda: 2)
 
 
 def run(place, **choices):
@@ -383,7 +383,7 @@ def test_more_workers_than_cores_are_not_started(two_cores, caplog):
     ],
 )
 def test_members_share_all_cores(monkeypatch, members, stated, expected):
-    monkeypatch.setattr(machine, "core_count", lambda: 8)
+    monkeypatch.setattr(workers, "core_count", lambda: 8)
     share = workers.share_of("cpu", members, **stated)
     assert (share.workers, share.threads) == expected
     assert share.in_process == (stated.get("workers") == 1)
@@ -433,7 +433,7 @@ def test_members_on_one_gpu_run_in_one_process(tmp_path, two_cores, monkeypatch)
 
 
 def test_run_survives_workers_that_die_of_memory_or_at_once(tmp_path, two_cores, monkeypatch, capfd):
-    monkeypatch.setattr(workers, "MEMORY_SHARE", 1.4e9 / machine.memory_bytes())  # 700 MB for each of two
+    monkeypatch.setattr(workers, "MEMORY_SHARE", 1.4e9 / workers.memory_bytes())  # 700 MB for each of two
     monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
     before = dict(os.environ)
     place = site(tmp_path, faults={1.0: "exit", 3.0: "memory", 5.0: "material", 6.0: "bug"}, pause=0.1)

@@ -6,12 +6,11 @@ from functools import partial
 import psutil
 import pytest
 
-from runout.ensemble import standby as standby_module
 from runout.ensemble import workers
+from runout.ensemble import workers as standby_module
 from runout.ensemble.member import Member
-from runout.ensemble.standby import Standby
 from runout.ensemble.worker import Worker
-from runout.ensemble.workers import in_workers
+from runout.ensemble.workers import Standby, in_workers
 
 GROUPS = [(Member(number, {}, 0, ""),) for number in range(4)]
 

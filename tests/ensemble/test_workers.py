@@ -12,7 +12,7 @@ import psutil
 import pytest
 from ensemble_fakes import started, wait_until
 
-from runout.ensemble import machine, worker
+from runout.ensemble import worker, workers
 from runout.ensemble.member import Member
 from runout.ensemble.workers import in_workers
 from runout.errors import ConfigError, DeviceError, Problem
@@ -76,17 +76,17 @@ def test_a_system_without_a_further_process_is_named(tmp_path, monkeypatch):
 
 
 def test_cores_and_memory_of_a_container_count(tmp_path, monkeypatch):
-    monkeypatch.setattr(machine, "CGROUP", tmp_path)
+    monkeypatch.setattr(workers, "CGROUP", tmp_path)
     monkeypatch.setattr(psutil.Process, "cpu_affinity", lambda _: list(range(8)), raising=False)
-    assert machine.core_count() == 8
+    assert workers.core_count() == 8
     (tmp_path / "cpu.max").write_text("max 100000\n")
     (tmp_path / "memory.max").write_text("max\n")
-    assert machine.core_count() == 8
-    assert machine.memory_bytes() == psutil.virtual_memory().total
+    assert workers.core_count() == 8
+    assert workers.memory_bytes() == psutil.virtual_memory().total
     (tmp_path / "cpu.max").write_text("250000 100000\n")
     (tmp_path / "memory.max").write_text("1000000\n")
-    assert machine.core_count() == 2
-    assert machine.memory_bytes() == 1_000_000
+    assert workers.core_count() == 2
+    assert workers.memory_bytes() == 1_000_000
 
 
 @pytest.fixture

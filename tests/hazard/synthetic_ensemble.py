@@ -15,8 +15,8 @@ from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.member_maps import RASTER, cut_to_reached
 from runout.io.provenance import sha256
+from runout.model.registered_law import for_arrays
 from runout.model.release import Release
-from runout.model.shared_subset import for_arrays
 from runout.model.terrain import Terrain
 from runout.quantities import QUANTITIES, peak_quantities
 

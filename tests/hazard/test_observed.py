@@ -16,9 +16,9 @@ from runout.hazard.observed import observed_layers, removed, scored
 from runout.hazard.products import write_products
 from runout.io import netcdf
 from runout.model.release import Placement, Release
-from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid
 from runout.scores.observations import Observations
+from runout.scores.points import Gauges
 from runout.scores.thalweg import Thalweg
 
 WEIGHTS = [1.0, 1.0, 2.0]

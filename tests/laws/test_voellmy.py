@@ -23,7 +23,7 @@ from runout.backends.scan.warm_up import side_wall
 from runout.errors import ConfigError
 from runout.model.basal_friction import MassAbove
 from runout.model.friction_laws import FRICTIONS
-from runout.studies.validation_cases.samosat import SamosAt
+from runout.studies.validation_cases.avakot import SamosAt
 from runout.studies.verification_cases.basal_laws import VOELLMY, WEAK, WEAK_START, Layer, voellmy_speed, weakening_time
 
 GRAVITY = 9.81

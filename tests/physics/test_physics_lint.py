@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import runout.physics
-from runout.model.shared_subset import violations
+from runout.model.registered_law import violations
 
 MODULES = sorted(Path(runout.physics.__file__).parent.glob("*.py"))
 

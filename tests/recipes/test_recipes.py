@@ -168,7 +168,7 @@ def test_a_format_of_structures_is_read_placed_and_checked(tmp_path):
     (site / "inputs" / "piers.csv").write_text(f"easting,northing,radius,height\n{easting},{northing},12,6\n")
     python(package, "-m", "runout", "check", site)
     code = (
-        "import sys; from runout.config.site import read_site; from runout.structures.mesh_faults import volume\n"
+        "import sys; from runout.config.site import read_site; from runout.structures.readers.meshes import volume\n"
         "site = read_site(sys.argv[1]); (body,) = site.files.bodies().solids\n"
         "print(body.name, volume(body.vertices, body.faces), *body.box.ravel())"
     )

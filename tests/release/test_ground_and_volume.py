@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import shapely
 
+from runout.config.extent import polygon_bounds, thickness_bounds
 from runout.errors import ReleaseError
 from runout.model.release import Release
 from runout.model.terrain import Terrain
-from runout.release import outlets
+from runout.release import taper
 from runout.release.arrangement import particles_for
-from runout.release.bounds import polygon_bounds, thickness_bounds
 from runout.release.ground import require_elevation, require_inside
 from runout.release.read import matched
 
@@ -73,28 +73,28 @@ def test_lines_from_the_rim_rise_with_the_way_from_the_nearest_outlet():
     ground, inside = np.full((5, 7), 100.0), np.zeros((5, 7), bool)
     inside[1:4, 1:6] = True
     ground[4, 3] = 90.0
-    line = outlets.rising_from_rim(ground, inside, (3.0, 4.0), 0.5)
+    line = taper.rising_from_rim(ground, inside, (3.0, 4.0), 0.5)
     assert line[3, 3] == pytest.approx(90.0 + 0.5 * 4.0)
     assert line[2, 3] == pytest.approx(90.0 + 0.5 * 8.0)
     assert line[3, 4] == line[3, 2] == pytest.approx(90.0 + 0.5 * 5.0)
     assert line[2, 5] == line[2, 1] == pytest.approx(90.0 + 0.5 * 10.0)
     np.testing.assert_array_equal(line[~inside], ground[~inside])
-    steep = outlets.rising_from_rim(ground, inside, (3.0, 4.0), 50.0)
+    steep = taper.rising_from_rim(ground, inside, (3.0, 4.0), 50.0)
     assert steep[1, 1] == pytest.approx(100.0 + 50.0 * 3.0)
 
 
 def test_blocks_are_means_and_what_is_left_over_is_repeated():
     values = np.arange(15.0).reshape(3, 5)
-    np.testing.assert_array_equal(outlets._blocks(values, 1), values)
-    np.testing.assert_allclose(outlets._blocks(values, 2), [[3.0, 5.0, 6.5], [10.5, 12.5, 14.0]])
+    np.testing.assert_array_equal(taper._blocks(values, 1), values)
+    np.testing.assert_allclose(taper._blocks(values, 2), [[3.0, 5.0, 6.5], [10.5, 12.5, 14.0]])
 
 
 def test_all_of_a_mass_in_a_pit_is_trapped_and_none_on_top_of_the_ground():
     terrain = Terrain(np.full((20, 30), 50.0), (5.0, 4.0))
     thickness = np.zeros((20, 30))
     thickness[8:12, 10:20] = 3.0
-    assert outlets.trapped_share(Release(thickness, terrain), 0.0) == pytest.approx(1.0)
-    assert outlets.trapped_share(Release(thickness, terrain, placement="on_surface"), 0.0) == pytest.approx(0.0, abs=1e-6)
+    assert taper.trapped_share(Release(thickness, terrain), 0.0) == pytest.approx(1.0)
+    assert taper.trapped_share(Release(thickness, terrain, placement="on_surface"), 0.0) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_bounds_of_polygons_are_their_edges_and_system(write_polygons):

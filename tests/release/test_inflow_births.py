@@ -13,7 +13,7 @@ from runout import Hydrograph, Inflow, Terrain
 from runout.errors import ConfigError
 from runout.model.inflow import Cumulative
 from runout.release import inlet
-from runout.release.read_inflow import read_inflow
+from runout.release.inlet import read_inflow
 
 X = (np.arange(40) + 0.5) * 2.0
 TERRAIN = Terrain.from_array(np.tile(100.0 - 0.5 * X, (30, 1)), 2.0, origin=(1000.0, 2000.0))  # falls to the east

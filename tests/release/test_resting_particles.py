@@ -11,7 +11,7 @@ from runout.model.numerics import Numerics
 from runout.model.particle_source import slices
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import STANDARD_GRAVITY
-from runout.release import stagger
+from runout.release import arrangement
 from runout.release.sample import onto_known_ground
 from runout.simulation.scenario import build_scene
 from runout.terrain.free_surface import free_surface
@@ -41,13 +41,13 @@ def by_arrays(scene, source, releases):
         rng, columns = np.random.default_rng([2, number]), filled.columns
         surface = free_surface(releases[number], SPACING[:2])
         for part in columns.parts():
-            column, above, height = stagger.layered(columns.index[part], columns.thickness[part], columns.layer)
+            column, above, height = arrangement.layered(columns.index[part], columns.thickness[part], columns.layer)
             plan = columns.centres(part)[column]
             plan = plan + rng.uniform(-0.25, 0.25, plan.shape) * np.array(columns.size)
             ground, east, north = scene.surface.evaluate(*plan.T)
             p = Particles.at(np.column_stack((plan, ground + above)), np.array(SPACING))
             p.volume[:] = filled.volumes[part][column]
-            p.radius[:] = stagger.half_size(height) / np.sqrt(1.0 + east * east + north * north)
+            p.radius[:] = arrangement.half_size(height) / np.sqrt(1.0 + east * east + north * north)
             p.mass[:], p.release[:] = p.volume * scene.materials[number].density, number
             x, y, _ = p.position(np.array(SPACING)).T
             friction = scene.friction_at(np.full(len(x), number), x, y)

@@ -14,10 +14,9 @@ from runout.model.numerics import Numerics
 from runout.model.release import Edge, Release
 from runout.model.terrain import Terrain
 from runout.release import taper
-from runout.release.outlets import trapped_share
 from runout.release.read import _on_cells
 from runout.release.statements import record, separate_parts, start_sentences, statement
-from runout.release.taper import tapered
+from runout.release.taper import tapered, trapped_share
 from runout.simulation.scenario import build_scene
 
 CELL, SLOPE, WEST = 5.0, math.tan(math.radians(25.0)), 200.0
@@ -116,11 +115,11 @@ def test_trapped_share_of_a_box_in_a_plane_is_the_wedge_behind_its_lower_wall():
 
 
 def test_trapped_share_of_many_cells_is_that_of_blocks(slope, monkeypatch):
-    from runout.release import outlets
+    from runout.release import taper
 
     release = mass(slope, 15.0, edge="vertical")
     whole = trapped_share(release, 0.2)
-    monkeypatch.setattr(outlets, "LARGEST", 200)
+    monkeypatch.setattr(taper, "LARGEST", 200)
     assert trapped_share(release, 0.2) == pytest.approx(whole, abs=0.06)
 
 

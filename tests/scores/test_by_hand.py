@@ -17,10 +17,10 @@ from runout.model.terrain import Terrain
 from runout.scores.assessment import Setting, against_observations
 from runout.scores.definitions import Score
 from runout.scores.flow import Flow
-from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid
 from runout.scores.members import Member, Probabilities, brier, ranked
 from runout.scores.observations import Observations
+from runout.scores.points import Gauges
 
 WEST, NORTH, UTM = 500_000.0, 5_000_300.0, "EPSG:32632"
 

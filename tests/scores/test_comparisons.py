@@ -19,10 +19,10 @@ from runout.scores.assessment import Setting, against_observations
 from runout.scores.comparison import NOTHING_IN_AREAS, _assessed, summary
 from runout.scores.definitions import Score
 from runout.scores.flow import Flow, percentile_of
-from runout.scores.gauges import Gauges
 from runout.scores.grid import Grid, common_grid
 from runout.scores.members import Member, Probabilities, ranked
 from runout.scores.observations import Observations
+from runout.scores.points import Gauges
 
 sys.path.append(str(Path(__file__).parents[1] / "hazard"))
 from synthetic_ensemble import CELL, SHAPE, SOUTH, WEST, member_maps, write_all

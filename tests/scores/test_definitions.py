@@ -7,7 +7,7 @@ import pytest
 
 import runout
 from runout import scores
-from runout.scores import scoring
+from runout.scores import assessment
 from runout.scores.assessment import Assessment, Setting, add_areas
 from runout.scores.definitions import Pair
 from runout.scores.grid import Grid
@@ -83,9 +83,9 @@ def test_a_perfect_model_has_the_best_value_of_every_score_and_another_one_has_n
     perfect, wrong = evidence_of(observed, observed), evidence_of(np.where(np.isinf(other), 0.0, other), observed)
     wrong["arrival"] = scores.arrival_errors(other.ravel(), observed.ravel())
     for kind, evidence in perfect.items():
-        found = list(scoring.scores_of(kind, "flow", evidence, "m"))
+        found = list(assessment.scores_of(kind, "flow", evidence, "m"))
         assert bool(found) == (kind != "maps")
-        for score, less in zip(found, scoring.scores_of(kind, "flow", wrong[kind], "m"), strict=True):
+        for score, less in zip(found, assessment.scores_of(kind, "flow", wrong[kind], "m"), strict=True):
             definition = score.definition
             assert score.value == pytest.approx(definition.best, abs=1e-12), (kind, score.name)
             assert definition.low <= less.value <= definition.high, (kind, score.name)
@@ -93,15 +93,17 @@ def test_a_perfect_model_has_the_best_value_of_every_score_and_another_one_has_n
 
 
 def test_scores_of_areas_carry_the_error_bars_of_the_site():
-    found = {s.name: s for s in scoring.scores_of("area", "outline", TABLE, bars=BARS.of_contingency(TABLE, "flow_thickness", 0.5))}
+    found = {
+        s.name: s for s in assessment.scores_of("area", "outline", TABLE, bars=BARS.of_contingency(TABLE, "flow_thickness", 0.5))
+    }
     assert found["csi"].value == 0.5
     assert found["csi"].numerical_error == pytest.approx(0.1 * 1000 / 1200)
     assert found["pod"].numerical_error == pytest.approx(0.1 * 1000 / 800)
     assert found["far"].numerical_error == pytest.approx(0.1)
     assert found["area_bias"].numerical_error == pytest.approx(200 / 800)
     other = BARS.of_contingency(TABLE, "flow_thickness", 1.0)
-    assert {s.numerical_error for s in scoring.scores_of("area", "outline", TABLE, bars=other)} == {None}
-    assert {s.numerical_error for s in scoring.scores_of("area", "outline", TABLE)} == {None}
+    assert {s.numerical_error for s in assessment.scores_of("area", "outline", TABLE, bars=other)} == {None}
+    assert {s.numerical_error for s in assessment.scores_of("area", "outline", TABLE)} == {None}
 
 
 def test_a_switch_of_cells_within_the_bar_moves_csi_by_no_more_than_it():
@@ -119,13 +121,13 @@ def test_a_switch_of_cells_within_the_bar_moves_csi_by_no_more_than_it():
 
 def test_front_and_energy_line_carry_the_error_of_the_front():
     errors = scores.ThalwegErrors(110.0, 100.0, 1.0, 0.0, 1.0, 50.0, 0)
-    front = next(scoring.scores_of("thalweg", "flow", errors, bars=BARS.of_thalweg(errors, None, "flow_thickness", 0.0)))
+    front = next(assessment.scores_of("thalweg", "flow", errors, bars=BARS.of_thalweg(errors, None, "flow_thickness", 0.0)))
     assert (front.value, front.numerical_error, front.units) == (10.0, 12.0, "m")
     line = scores.Thalweg(np.array([[0.0, 0.0], [200.0, 0.0]]))
     east = np.arange(200.0)
-    ground = scoring.Ground(east, np.array([5.0, -5.0]), np.tile(100.0 - 0.5 * east, (2, 1)))
+    ground = assessment.Ground(east, np.array([5.0, -5.0]), np.tile(100.0 - 0.5 * east, (2, 1)))
     start = scores.ReleasePoint(0.0, 0.0, 120.0)
-    angle = scoring.energy_line_score("flow", errors, start, line, ground, BARS)
+    angle = assessment.energy_line_score("flow", errors, start, line, ground, BARS)
     expected = [math.degrees(math.atan((120 - (100 - 0.5 * s)) / s)) for s in (110.0, 100.0, 122.0)]
     assert angle.value == pytest.approx(expected[0] - expected[1], abs=0.02)
     assert angle.numerical_error == pytest.approx(abs(expected[2] - expected[0]), abs=0.02)
@@ -182,7 +184,7 @@ def test_scores_of_a_map_move_by_no_more_than_their_bars():
 
 
 def _of_map(values, observed, bars):
-    return scoring.field_scores("deposit", scores.field_errors(values, observed, 25.0), "m", True, bars, "deposit")
+    return assessment.field_scores("deposit", scores.field_errors(values, observed, 25.0), "m", True, bars, "deposit")
 
 
 def test_scores_of_a_change_move_by_no_more_than_their_bars():
@@ -196,7 +198,7 @@ def test_scores_of_a_change_move_by_no_more_than_their_bars():
         fields.append({"map": name, **compared(maps[1], maps[0], (0.5,), 25.0)})
     bars = scores.ErrorBars({"fields": fields})
     errors = (scores.change_errors(values, observed, 25.0, 0.5) for values in (one, other))
-    before, after = (list(scoring.scores_of("change", "change", found, "m", bars.of_change(found, 0.5))) for found in errors)
+    before, after = (list(assessment.scores_of("change", "change", found, "m", bars.of_change(found, 0.5))) for found in errors)
     barred = [pair for pair in zip(before, after, strict=True) if pair[0].name not in ("change_csi", "agreement")]
     assert len(barred) == 6
     for first, second in barred:
@@ -225,7 +227,7 @@ def test_differences_of_two_grids_grow_to_the_error_of_the_map():
 def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
     errors = scores.ThalwegErrors(110.0, 100.0, 1.0, 0.5, 1.1, 50.0, 0, 20.0)
     half = BARS.of_thalweg(errors, TABLE, "flow_thickness", 0.5)
-    found = {s.name: s.numerical_error for s in scoring.scores_of("thalweg", "flow", errors, bars=half)}
+    found = {s.name: s.numerical_error for s in assessment.scores_of("thalweg", "flow", errors, bars=half)}
     changed = 0.1 * TABLE.modelled
     assert found == {
         "front_error": 12.0,
@@ -239,7 +241,7 @@ def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
     ]
     bars = scores.ErrorBars({"fields": fields})
     errors = scores.arrival_errors([1.0, 2.0, np.inf], [1.0, 3.0, 4.0])
-    arrivals = scoring.scores_of("arrival", "gauges", errors, bars=bars.of_arrival(3))
+    arrivals = assessment.scores_of("arrival", "gauges", errors, bars=bars.of_arrival(3))
     assert [s.numerical_error for s in arrivals] == [0.4, 0.9, pytest.approx(0.3)]  # of three arrivals
-    speeds = scoring.scores_of("points", "gauges", scores.point_errors([1.0], [2.0]), "m s-1", bars.at_points("speed"))
+    speeds = assessment.scores_of("points", "gauges", scores.point_errors([1.0], [2.0]), "m s-1", bars.at_points("speed"))
     assert [s.numerical_error for s in speeds] == [2.0, 2.0]

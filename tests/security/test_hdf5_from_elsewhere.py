@@ -11,7 +11,7 @@ from hdf5_files import ELSEWHERE
 
 from runout import Terrain
 from runout.errors import DemError
-from runout.io import hdf5
+from runout.io import opening
 
 
 def write(path, name):
@@ -29,8 +29,8 @@ def test_numbers_in_another_file_are_refused(tmp_path, name):
 
 @pytest.mark.parametrize("length", range(0, 20, 3))
 def test_a_file_that_ends_within_its_superblock_is_left_to_the_library(tmp_path, length):
-    (tmp_path / "dem.nc").write_bytes((hdf5.SIGNATURE + bytes(20))[:length])
-    hdf5.require_own_storage(tmp_path / "dem.nc", DemError)
+    (tmp_path / "dem.nc").write_bytes((opening.SIGNATURE + bytes(20))[:length])
+    opening.require_own_storage(tmp_path / "dem.nc", DemError)
     with pytest.raises(DemError, match=r"dem\.nc: (is empty|cannot be read as NetCDF)"):
         Terrain.from_raster(tmp_path / "dem.nc")
 
@@ -44,7 +44,7 @@ def test_the_library_would_have_read_them(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["f4", "i2", "u1"])
 def test_files_of_their_own_pass_whatever_their_numbers(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr(hdf5, "PIECE", 10_000)
+    monkeypatch.setattr(opening, "PIECE", 10_000)
     z = (np.arange(40_000) % 251).reshape(200, 200).astype(kind)
     made = xr.Dataset(
         {"elevation": (("y", "x"), z, {"note": "a" * 3000})}, {"x": 5e5 + 10.0 * np.arange(200), "y": 10.0 * np.arange(200)}

@@ -31,7 +31,7 @@ OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/hazard/writers/virtual_globe.py",
     "runout/hazard/facades.py",
     "runout/hazard/probe_series.py",
-    "runout/view/frames.py",
+    "runout/view/film.py",
     "runout/ensemble/member.py",
 }
 LIBRARY_CALLS = ("rasterio.open", "geopandas.read_file", "gpd.read_file")

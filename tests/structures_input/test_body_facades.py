@@ -6,12 +6,12 @@ import trimesh
 from structure_bodies import SOUTH, WEST, body, box
 
 from runout.model.terrain import Terrain
-from runout.structures import mesh_faults
 from runout.structures.build import build_structures
 from runout.structures.facades import mesh_facades
-from runout.structures.mesh_faults import crossings, volume
-from runout.structures.overhangs import overhang_bodies
 from runout.structures.pieces import cut_pieces
+from runout.structures.read import overhang_bodies
+from runout.structures.readers import meshes
+from runout.structures.readers.meshes import crossings, volume
 from runout.structures.solid import Solid, facade_lines, footprint, normals_and_areas
 from runout.terrain.mesh import Overhangs
 
@@ -161,7 +161,7 @@ def test_pieces_are_cut_where_the_ground_cuts_walls():
 @pytest.mark.parametrize("pairs", [1, 20, 10**6])
 def test_crossings_do_not_depend_on_how_many_edges_are_tried_at_a_time(monkeypatch, pairs):
     both = trimesh.util.concatenate([box((0.0, 0.0, 0.0), (4, 4, 4)), box((0.6, 0.5, 2.0), (2, 2, 2))])
-    monkeypatch.setattr(mesh_faults, "MOST_PAIRS", pairs)
+    monkeypatch.setattr(meshes, "MOST_PAIRS", pairs)
     places = crossings(Solid("two", np.asarray(both.vertices), np.asarray(both.faces), np.zeros(24, int), ("surface",), 0.4, "two"))
     corners = {(x, y, 2.0) for x in (-0.4, 1.6) for y in (-0.5, 1.5)}
     diagonals = {(x, y, 2.0) for x, y in ((0.6, -0.5), (0.6, 1.5), (-0.4, 0.5), (1.6, 0.5), (-0.4, -0.4), (1.5, 1.5))}

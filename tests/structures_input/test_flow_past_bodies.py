@@ -11,8 +11,7 @@ from runout.model.friction import FrictionZones
 from runout.model.scene import Raster, Scene
 from runout.structures.build import build_structures
 from runout.structures.lattice_distance import points_inside
-from runout.structures.overhangs import overhang_bodies
-from runout.structures.read import read_bodies
+from runout.structures.read import overhang_bodies, read_bodies
 from runout.structures.solid import Solid, as_arrays
 from runout.structures.source import StructureSource
 from runout.terrain.mesh import read_mesh_terrain

@@ -17,7 +17,7 @@ from runout.structures.inspection import (
     vertical_span,
     wall_thickness,
 )
-from runout.structures.mesh_faults import Search, mesh_faults
+from runout.structures.readers.meshes import Search, mesh_faults
 
 
 def hanging(mesh, name="body", clearance=5.0):

@@ -8,10 +8,9 @@ import trimesh
 from structure_bodies import SOUTH, WEST, box
 
 from runout.errors import DemError, StructureError
-from runout.structures import mesh_faults
-from runout.structures.mesh_faults import Search, crossings, volume
 from runout.structures.read import read_bodies
-from runout.structures.readers.meshes import on_terrain, rounding_of
+from runout.structures.readers import meshes
+from runout.structures.readers.meshes import Search, crossings, on_terrain, rounding_of, volume
 from runout.structures.solid import Solid
 from runout.structures.source import StructureSource
 from runout.terrain.mesh import read_mesh_terrain
@@ -357,21 +356,21 @@ def crowded(count):
 def test_the_search_for_crossing_faces_ends_and_says_what_it_left_out(level, tmp_path, monkeypatch):
     vertices, faces = crowded(500)
     solid = Solid("a", vertices, faces, np.zeros(len(faces), int), ("surface",), 0.4, "a.ply: body 'a'")
-    monkeypatch.setattr(mesh_faults, "MOST_PAIRS", 5000)
+    monkeypatch.setattr(meshes, "MOST_PAIRS", 5000)
     whole = Search(60.0)
     assert len(whole.crossings(solid, 0.0)) == len(crossings(solid))
     assert whole.left == []
     ended = Search(0.01)
     ended.crossings(solid, 0.0)
     assert [line.split(";")[0].split(" of its ")[1] for line in ended.left] == ["3000 edges"]
-    monkeypatch.setattr(mesh_faults, "SEARCH_SECONDS", 0.0)
-    monkeypatch.setattr(mesh_faults.Search.__init__, "__defaults__", (0.0,))
+    monkeypatch.setattr(meshes, "SEARCH_SECONDS", 0.0)
+    monkeypatch.setattr(meshes.Search.__init__, "__defaults__", (0.0,))
     read = read_bodies([StructureSource(write(tmp_path / "house.obj", VERTICES, FACES), units="m")], level)
     assert [change for change in read.changes if "crossing faces were searched at 0 of its 18 edges" in change]
 
 
 def test_a_body_of_more_faces_than_are_searched_says_so(level, tmp_path, monkeypatch):
-    monkeypatch.setattr(mesh_faults, "MOST_FACES", 11)
+    monkeypatch.setattr(meshes, "MOST_FACES", 11)
     read = read_bodies([StructureSource(write(tmp_path / "house.obj", VERTICES, FACES), units="m")], level)
     assert [change for change in read.changes if "crossing faces were searched at 0 of its 18 edges" in change]
 
@@ -429,7 +428,7 @@ def test_a_large_hole_is_named_by_its_first_edge_and_small_ones_by_their_middle(
         faces = np.asarray(tower.faces)
         faces = faces[np.asarray(tower.vertices)[faces][:, :, 2].min(1) < 113.0]
         solid = Solid("a", np.asarray(tower.vertices), faces, np.zeros(len(faces), int), ("surface",), 0.4, "a")
-        (said,) = mesh_faults.mesh_faults(solid, level, 0.0, Search())
+        (said,) = meshes.mesh_faults(solid, level, 0.0, Search())
         assert said.startswith("a: the mesh is open at easting ")
         assert place in said
         x, y, z = (float(part.split()[1]) for part in said.split(" at ")[1].split(" (")[0].split(", "))

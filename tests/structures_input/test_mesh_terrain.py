@@ -17,7 +17,7 @@ from runout.errors import ConfigError, DemError, StructureError
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.slopes.place import read_place
-from runout.structures.overhangs import overhang_bodies
+from runout.structures.read import overhang_bodies
 from runout.terrain.mesh import overhangs_on, read_mesh_terrain
 
 

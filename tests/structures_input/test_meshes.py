@@ -6,8 +6,8 @@ import trimesh
 from structure_bodies import SOUTH, WEST, box
 
 from runout.errors import StructureError
-from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies, structures_from_sources
+from runout.structures.readers.meshes import volume
 from runout.structures.source import StructureSource
 
 CENTRE = (WEST + 100.0, SOUTH + 80.0, 103.0)

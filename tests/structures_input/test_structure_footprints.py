@@ -15,9 +15,9 @@ from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import walls_of
 from runout.structures.inspection import low_structures
-from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies, require_sound
 from runout.structures.readers.footprints import read_footprints
+from runout.structures.readers.meshes import volume
 from runout.structures.solid import normals_and_areas
 from runout.structures.source import StructureSource, Top
 

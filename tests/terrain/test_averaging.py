@@ -7,7 +7,7 @@ import shapely
 from runout.errors import ConfigError, DemError
 from runout.model.terrain import Terrain
 from runout.terrain.averaging import averaged, smoothed
-from runout.terrain.fill import continued, filled
+from runout.terrain.open_edge import continued, filled
 from runout.terrain.overlay import covered_part, on_cells
 
 CELL = (10.0, 5.0)  # east, north

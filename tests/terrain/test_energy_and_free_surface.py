@@ -8,7 +8,7 @@ import pytest
 from runout.io.elevation_raster import ElevationRaster, moved
 from runout.model.release import Placement, Release
 from runout.model.terrain import Terrain
-from runout.terrain import fill, prepare
+from runout.terrain import open_edge, prepare
 from runout.terrain.energy_line import _aside, largest_speed
 from runout.terrain.free_surface import free_surface
 from runout.terrain.source import ELEVATION, north_up_in_unit_of
@@ -71,16 +71,16 @@ def test_a_part_of_a_raster_begins_at_its_first_cell():
 def test_slope_is_continued_into_unknown_cells_up_to_the_reach_and_is_level_beyond(plane):
     z = plane.elevation.copy()
     z[:, 20:] = np.nan
-    found = fill.continued(z, CELL, 4 * CELL[0])
+    found = open_edge.continued(z, CELL, 4 * CELL[0])
     np.testing.assert_allclose(found[:, :24], plane.elevation[:, :24])
     np.testing.assert_allclose(found[:, 24:], plane.elevation[:, 23:24] + np.zeros((1, 16)))
-    np.testing.assert_array_equal(fill.filled(z, CELL)[:, 20:], np.repeat(z[:, 19:20], 20, axis=1))
+    np.testing.assert_array_equal(open_edge.filled(z, CELL)[:, 20:], np.repeat(z[:, 19:20], 20, axis=1))
 
 
 def test_the_nearest_known_cell_is_the_nearest_in_metres():
     z = np.array([[np.nan, 7.0], [3.0, np.nan]])
-    assert fill.filled(z, (2.0, 3.0))[0, 0] == 7.0
-    assert fill.filled(z, (3.0, 2.0))[0, 0] == 3.0
+    assert open_edge.filled(z, (2.0, 3.0))[0, 0] == 7.0
+    assert open_edge.filled(z, (3.0, 2.0))[0, 0] == 3.0
 
 
 def test_steepness_counts_both_axes_in_metres():
@@ -92,7 +92,7 @@ def test_steepness_counts_both_axes_in_metres():
 def test_continuation_beyond_the_far_rim_of_the_known_cells_is_level(known):
     z = np.full((3, 4), np.nan)
     z[:, known] = 7.0
-    np.testing.assert_array_equal(fill.continued(z, CELL, 100.0), 7.0)
+    np.testing.assert_array_equal(open_edge.continued(z, CELL, 100.0), 7.0)
 
 
 def test_a_raster_knows_its_middle_and_its_edges_also_when_it_is_turned():

@@ -8,8 +8,7 @@ from runout.errors import DemError
 from runout.model.numerics import Numerics
 from runout.simulation.scenario import build_scene
 from runout.terrain import open_edge
-from runout.terrain.fill import continued, filled
-from runout.terrain.open_edge import unknown_cells
+from runout.terrain.open_edge import continued, filled, unknown_cells
 from runout.terrain.sdf import sliding_surface
 
 CELL = 5.0

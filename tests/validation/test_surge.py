@@ -7,7 +7,7 @@ import pytest
 
 from docs.pages.iseesnow_terms import stretch
 from runout import DruckerPrager, Terrain
-from runout.studies.validation_cases.iseesnow_cases import pressures_along
+from runout.studies.validation_cases.iseesnow import pressures_along
 from tests.benchmarks import whole_column
 
 SNOW, MODULUS, ANGLE, THICKNESS = DruckerPrager(density=200.0, friction_angle=30.0), 1e6, np.radians(34.0), 2.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from runout.studies.verification_cases.closed_forms import GRAVITY
-from runout.studies.verification_cases.shallow_water import SpreadingCap, dam_break, earth_pressure, wet_dam_break, wet_middle_state
+from runout.studies.verification_cases.dam_breaks import SpreadingCap, dam_break, earth_pressure, wet_dam_break, wet_middle_state
 
 
 @pytest.mark.parametrize(("slope", "friction", "pressure"), [(0.0, 0.0, 1.0), (30.0, 20.0, 1.0), (22.0, 21.0, 0.6)])

@@ -7,7 +7,7 @@ import pytest
 
 from runout import Release, Terrain
 from runout.view import surfaces
-from runout.view.frames import ground_scene, window_around
+from runout.view.film import ground_scene, window_around
 from runout.view.scene import FlowScene
 
 

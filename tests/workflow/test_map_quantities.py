@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from runout.backends.compile import numba_binding, rebound
-from runout.model.shared_subset import violations_in
+from runout.model.registered_law import violations_in
 from runout.quantities import QUANTITIES, member_map_names, peak_quantities, quantity_of
 from runout.variables import VARIABLES
 

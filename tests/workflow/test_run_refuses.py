@@ -7,7 +7,7 @@ from ramp_site import SITE, ramp, slab, write_raster, write_site
 
 from runout import cli
 from runout.config.site import read_site
-from runout.ensemble import machine
+from runout.ensemble import workers
 from runout.errors import CapacityError, ExitCode
 from runout.workflow import plan
 
@@ -74,7 +74,7 @@ def test_check_and_run_refuse_particles_that_a_card_cannot_address(tmp_path, cap
 def test_no_more_members_run_at_the_same_time_than_memory_holds(tmp_path, monkeypatch):
     site = read_site(write_site(tmp_path / "ramp"))
     member = plan.member_bytes(site, range(4))
-    monkeypatch.setattr(machine, "core_count", lambda: 8)
+    monkeypatch.setattr(workers, "core_count", lambda: 8)
     monkeypatch.setattr(plan, "available_bytes", lambda: 2.5 * member)
     assert plan.require_budget(site, range(4)) == 2
     assert plan.require_budget(site, range(2)) is None

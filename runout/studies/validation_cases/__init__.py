@@ -7,7 +7,7 @@ from runout.studies.validation_cases import (
     columns,
     flume,
     frank_slide,
-    iseesnow_cases,
+    iseesnow,
     maipo,
 )
 from runout.studies.validation_cases.case import ValidationCase
@@ -15,8 +15,8 @@ from runout.studies.validation_cases.case import ValidationCase
 CASES: dict[str, ValidationCase] = {
     case.name: case
     for case in (
-        iseesnow_cases.COULOMB_ONLY,
-        iseesnow_cases.IDEALIZED_TOPO,
+        iseesnow.COULOMB_ONLY,
+        iseesnow.IDEALIZED_TOPO,
         ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure),
         ValidationCase("cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure),
         ValidationCase("cascades_2021_fit", "Cascades 2021 fitted on half of the reaches", cascades_2021_fit.measure),

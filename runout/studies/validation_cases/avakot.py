@@ -8,25 +8,35 @@ Inputs: AvaFrame (EUPL-1.2), terrain of the Land Tirol.
 Runs without basal friction state the energy that the mass loses, beside that of single points that land inelastically. The points
 have no grid, size or internal friction. Both take the same ground: the raster, or its means over larger cells. What both lose
 alike is lost by landing; what only the mass loses is lost where its parts meet.
+
+samosAT is the friction law of AvaFrame: tau = mu sigma (1 + R_s0 / (R_s0 + R_s)) + rho u^2 / (B + ln(h / R) / kappa)^2 with R_s =
+rho u^2 / sigma (Sampl & Granig 2009, Proc. Int. Snow Science Workshop Davos; AvaFrame documentation, theory of com1DFA). The
+thickness normal to the slope is taken from the load, h = sigma / (rho g cos(slope)), with the slope as a parameter; the logarithm
+hardly depends on it.
 """
 
 import json
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 import runout
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import register_friction
 from runout.model.numerics import Scheme
+from runout.model.parameters import parameter
 from runout.model.scene import STANDARD_GRAVITY
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
+from runout.physics.tensors import real
 from runout.scores import (
     Grid,
     Thalweg,
@@ -39,9 +49,8 @@ from runout.scores import (
     vertical_thickness,
 )
 from runout.simulation.result import Result
-from runout.studies.validation_cases.case import data_folder
+from runout.studies.validation_cases.case import data_folder, outline_of, thalweg_of
 from runout.studies.validation_cases.iseesnow import voellmy
-from runout.studies.validation_cases.rasters import outline_of, thalweg_of
 from runout.terrain.averaging import averaged
 from runout.terrain.sdf import raster_surface
 
@@ -57,6 +66,43 @@ LEVELS_OF_AREA = (0.5, 4.0)  # thicknesses [m] of further areas
 LOOKS = tuple(range(4, 41, 4))  # times [s] at which the mass over the ground is looked at
 SHOTS: dict[str, Any] = {"snapshot_times": LOOKS, "snapshot_particles": 10**6}
 LIFTED = 5.0  # height over the ground [m] from which mass counts as in flight
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamosAt(BasalFriction):
+    """Friction of AvaFrame's samosAT: Coulomb friction that doubles at rest, and drag with a logarithmic profile."""
+
+    law: ClassVar[str] = "samosat"
+    coefficients: ClassVar[tuple[str, ...]] = ("mu",)
+    uses_area: ClassVar[bool] = True
+    drags_column: ClassVar[bool] = True  # as com1DFA means it
+    mu: float = parameter("Coulomb friction coefficient", low=0, high=2, typical=0.155)
+    fluidization: float = parameter("fluidization factor R_s0", low=0, high=10, default=0.222)
+    kappa: float = parameter("constant of the logarithmic profile", low=0.01, high=1, default=0.43)
+    offset: float = parameter("constant B of the logarithmic profile", low=0, high=100, default=4.13)
+    roughness: float = parameter("roughness R of the logarithmic profile", unit="m", low=1e-6, high=10, default=0.05)
+    weight: float = parameter("density times gravity times cosine of the slope", unit="N/m3", low=1, high=1e6, typical=1600.0)
+
+    def numbers(self) -> dict[str, float]:
+        """The parameters."""
+        return {name: getattr(self, name) for name in ("mu", "fluidization", "kappa", "offset", "roughness", "weight")}
+
+    @classmethod
+    def acting(cls, numbers: Mapping[str, Any], mass: Any) -> dict[str, Any]:
+        """The numbers, with the density and the strength of the mass."""
+        return {**numbers, "density": mass.density, "strength": mass.strength}
+
+
+def resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
+    """Steady impulse [N s] and drag [kg/m]."""
+    load = max(normal / (area * dt), real(1e-3))  # [Pa]
+    fluid = basal.density * slip * slip / load
+    rising = real(1.0) + basal.fluidization / max(basal.fluidization + fluid, real(1e-12))
+    profile = basal.offset + math.log(max(load / (basal.weight * basal.roughness), real(1.0))) / basal.kappa
+    return basal.mu * normal * rising, area * basal.density / (profile * profile)
+
+
+register_friction(SamosAt, resistance)
 
 
 @dataclass(frozen=True)
@@ -167,8 +213,6 @@ def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
     """Friction law by its name in AvaFrame; ``slope`` [rad] of the track."""
     if law == "Voellmy":
         return voellmy(parameters["mu"], parameters["xi"], "column")
-    from runout.studies.validation_cases.samosat import SamosAt
-
     named = {"fluidization": "R_s0", "kappa": "kappa", "offset": "B", "roughness": "R"}
     chosen = {name: parameters[key] for name, key in named.items()}
     return SamosAt(mu=parameters["mu"], **chosen, weight=DENSITY * 9.81 * float(np.cos(slope)))

@@ -12,8 +12,7 @@ import numpy as np
 
 import runout
 from runout.scores import Grid, Reaches, Thalweg, change_errors, elevation_change, reach_errors, resampled
-from runout.studies.validation_cases.case import public_file
-from runout.studies.validation_cases.rasters import on_cells
+from runout.studies.validation_cases.case import on_cells, public_file
 
 LANDLAB = "https://raw.githubusercontent.com/landlab/landlab/33b6215/docs/source/tutorials/mass_wasting_runout"
 FILES = {

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from runout.materials.drucker_prager import Cone
-from runout.studies.validation_cases.case import data_folder
-from runout.studies.validation_cases.rasters import rounded
+from runout.studies.validation_cases.case import data_folder, rounded
 from runout.studies.verification_cases import flow
 from runout.studies.verification_cases.closed_forms import axisymmetric_runout
 from runout.studies.verification_cases.column_collapse import (

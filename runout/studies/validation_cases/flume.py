@@ -19,7 +19,7 @@ import numpy as np
 import runout
 from runout.structures.build import build_structures
 from runout.structures.solid import Solid
-from runout.studies.validation_cases.rasters import rounded
+from runout.studies.validation_cases.case import rounded
 
 SLOPE, PAD_SLOPE = np.radians(31.0), np.radians(2.5)
 BEND, RADIUS = 78.0, 10.0  # distance [m] at which the bed starts to turn into the pad, and radius of that curve [m]

@@ -14,8 +14,7 @@ import numpy as np
 
 import runout
 from runout.scores import Thalweg, contingency, reached, terrain_slope, vertical_thickness
-from runout.studies.validation_cases.case import public_file
-from runout.studies.validation_cases.rasters import outline_of, rounded
+from runout.studies.validation_cases.case import outline_of, public_file, rounded
 
 TILUPY = "https://raw.githubusercontent.com/marcperuz/tilupy/62c76bc"
 RASTERS = {

@@ -17,7 +17,7 @@ import runout
 from runout.io.polygons import read_frame
 from runout.model.probes import ground_at
 from runout.scores import Grid, Thalweg, contingency
-from runout.scores.outline import outline_shares
+from runout.scores.grid import outline_shares
 from runout.slopes.drainage import drainage
 from runout.studies.validation_cases.case import data_folder, on_all_processors
 

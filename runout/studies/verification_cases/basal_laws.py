@@ -14,7 +14,7 @@ from runout.model.basal_friction import BasalFriction
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
-from runout.release import stagger
+from runout.release import arrangement
 from runout.studies.verification_cases.bodies import advance, equal_steps
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.finding import Bound, Case, Result
@@ -58,13 +58,13 @@ class Layer:
         h, columns = self.spacing, PERIOD * PER_CELL
         counts = (columns, columns, self.cells * PER_CELL)
         index = np.stack(np.unravel_index(np.arange(math.prod(counts)), counts), axis=1)
-        q = np.column_stack([index[:, :2] + 0.5 + 0.5 * PER_CELL, index[:, 2] + stagger.shares(index[:, :2])])
+        q = np.column_stack([index[:, :2] + 0.5 + 0.5 * PER_CELL, index[:, 2] + arrangement.shares(index[:, :2])])
         x = q * h / PER_CELL
         weight = self.material.density * GRAVITY * math.cos(math.radians(self.slope_deg)) * (self.thickness - x[:, 2])
         p = Particles.at(x + np.array([0.0, 0.0, 10.0 * h]), np.full(3, h))
         p.volume[:] = (h / PER_CELL) ** 3
         p.mass[:] = self.material.density * p.volume
-        p.radius[:] = stagger.half_size(np.array(h / PER_CELL))
+        p.radius[:] = arrangement.half_size(np.array(h / PER_CELL))
         p.velocity[:, 0] = self.start
         p.strain[:, 2] = np.expm1(-2.0 * weight / (self.material.lame_lambda + 2.0 * self.material.shear_modulus))
         return p

@@ -16,7 +16,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 from runout.physics import elastic
-from runout.release import stagger
+from runout.release import arrangement
 from runout.studies.verification_cases.bodies import filled, transfer
 from runout.studies.verification_cases.closed_forms import GRAVITY
 
@@ -93,19 +93,19 @@ def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Par
 
 
 def staggered(along: np.ndarray, thickness: np.ndarray, width: float, layer: float, scene: Scene) -> tuple[Particles, np.ndarray]:
-    """A slice as releases are filled (:mod:`runout.release.stagger`), and how deep below the surface its particles lie (n,) [m].
+    """Slice filled like a release (:mod:`runout.release.arrangement`), and how deep below the surface its particles lie (n,) [m].
 
     ``along`` (n,) [m]: columns of a ``width`` [m] along the floor, filled up to ``thickness`` (n,) [m] in layers of ``layer`` [m].
     """
     h, columns = scene.spacing[0], len(along)
     index = np.stack(np.meshgrid(np.arange(ACROSS), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)[:, ::-1]
-    column, above, height = stagger.layered(index, np.tile(thickness, ACROSS), layer)
+    column, above, height = arrangement.layered(index, np.tile(thickness, ACROSS), layer)
     across = (index[column, 1] + 1.0) * h  # on nodes, as in slice_of
     place = np.column_stack([along[index[column, 0]], across, BASE * scene.spacing[2] + above])
     p = filled(place, scene.spacing, scene.materials[0].density, 1.0)
     p.volume *= width * h * height
     p.mass *= width * h * height
-    p.radius[:] = stagger.half_size(height)
+    p.radius[:] = arrangement.half_size(height)
     return p, np.tile(thickness, ACROSS)[column] - above
 
 

@@ -7,13 +7,12 @@ import numpy as np
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.surface import Surface
-from runout.release import stagger
+from runout.release import arrangement
 from runout.studies.verification_cases import flow
 from runout.studies.verification_cases.bodies import filled
-from runout.studies.verification_cases.dam_breaks import as_one, budget, columns, relative, stiff
+from runout.studies.verification_cases.dam_breaks import SpreadingCap, as_one, budget, columns, earth_pressure, relative, stiff
 from runout.studies.verification_cases.finding import Bound, Case, Result
 from runout.studies.verification_cases.flow import Frame
-from runout.studies.verification_cases.shallow_water import SpreadingCap, earth_pressure
 
 HEIGHT = 4.0  # [m] of the cap
 SLOPE, BED, END = 35.0, 25.0, 5.0  # [deg], [deg], [s]
@@ -99,12 +98,12 @@ def whole(
     x, y = axis[index].T
     top = cap.thickness(x, y, 0.0)
     index, x, y, top = index[top > 0], x[top > 0], y[top > 0], top[top > 0]
-    column, above, height = stagger.layered(index, top, cells.height / cells.depth)
+    column, above, height = arrangement.layered(index, top, cells.height / cells.depth)
     east, up = lean.place(x[column], above)
     p = filled(np.column_stack([east, EXTENT[1] / 2 + y[column], up]), scene.spacing, scene.materials[0].density, 1.0)
     p.volume *= width**2 * height
     p.mass *= width**2 * height
-    p.radius[:] = stagger.half_size(height)
+    p.radius[:] = arrangement.half_size(height)
     flow.press(p, (top[column] - above) * np.cos(np.radians(SLOPE)) / np.cos(np.radians(SLOPE) - tilt), scene)
     return scene, p, cap, lean
 
