@@ -8,12 +8,12 @@
 import sys
 from pathlib import Path
 
-from runout.studies.validation import RECORD, run
+from runout.studies.validation import RECORD, named, run
 
 
 def main(out: Path, case: str) -> Path:
     """Record of a case in ``out``, after printing a line for each run and each tool."""
-    record = run(case, full=False, out=out)
+    record = run(named(case), full=False, out=out)
     print("\n".join(record["results"]["lines"]))
     return out / RECORD.format(record["case"])
 

@@ -36,7 +36,7 @@ from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
 from runout.errors import ConfigError, InputError, Problem
 from runout.io.boundary import exists, kind_of, names_in
-from runout.io.elevation_raster import file_named_by
+from runout.io.georeference import file_named_by
 from runout.io.source_kinds import file_in
 from runout.model.friction_laws import DEFAULT_FRICTION
 

@@ -10,7 +10,7 @@ import numpy as np
 from runout.errors import DemError
 from runout.io.cf_crs import CfSystem, system_of
 from runout.io.crs import horizontal, longitude_latitude, parse
-from runout.io.elevation_raster import require_usable
+from runout.io.georeference import require_usable
 
 UNEVEN = 1e-3  # of a cell
 EXACT = 1e-9  # of a cell

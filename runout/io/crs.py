@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
-from runout.io.elevation_raster import ElevationRaster, require_own_grids
+from runout.io.elevation_raster import ElevationRaster
+from runout.io.georeference import require_own_grids
 
 LARGEST_SCALE_ERROR = 0.02  # largest of national and continental systems; that of Web Mercator is 24 % at 36 degrees
 REMARKABLE_SCALE_ERROR = 0.005  # UTM has less than 0.001 in its zone

@@ -24,7 +24,7 @@ import numpy as np
 
 from runout.errors import InputError
 from runout.io.boundary import exists, require_regular
-from runout.io.elevation_raster import FARTHEST, require_own_grids
+from runout.io.georeference import FARTHEST, require_own_grids
 from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
 from runout.io.source_kinds import FLATGEOBUF, GEODATABASE, PARTS, SHAPEFILE, SQLITE, is_json, with_file
 

@@ -16,40 +16,19 @@ LOGGER = logging.getLogger("runout.validation")
 RECORD = "validation_{}.json"
 
 
-def run(name: str, full: bool = False, out: Path | None = None) -> dict[str, Any]:
-    """Record of a case.
+def run(case: ValidationCase, full: bool = False, out: Path | None = None, command: str = "") -> dict[str, Any]:
+    """Record of a case: ``results``, and with what they were made; written to ``out`` as ``validation_NAME.json``.
 
-    Parameters
-    ----------
-    name : str
-        Name from :data:`CASES`; ``-`` counts as ``_``.
-    full : bool
-        At the sizes of the documentation (minutes) instead of those of CI (a minute at most).
-    out : Path or None
-        Folder for the record ``validation_NAME.json``; nothing is written when None.
-
-    Returns
-    -------
-    dict
-        ``results`` of the case; ``case``, ``title``, ``full``, ``command``, ``machine``, ``versions``, ``processor_seconds``.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such case.
-    InputError
-        If its files are not there and cannot be fetched.
-    StorageError
-        If the folder cannot be written.
+    A ``full`` case has the sizes of the documentation (minutes), otherwise those of CI (a minute at most). The record states
+    ``command``, by default that of `runout validate`. Raises InputError if its files are not there and cannot be fetched.
     """
-    case = named(name)
     started = time.process_time()
     results = case.measure(full)
     record = {
         "case": case.name,
         "title": case.title,
         "full": full,
-        "command": f"runout validate {case.name}{' --full' if full else ''} --out DIR",
+        "command": command or f"runout validate {case.name}{' --full' if full else ''} --out DIR",
         "machine": machine(),
         "versions": versions(),
         "processor_seconds": time.process_time() - started,
@@ -68,7 +47,7 @@ def command(cases: Sequence[str], full: bool, out: Path | None) -> ExitCode:
             LOGGER.info("%s: %s", case.name, case.title)
         return ExitCode.OK
     for case in chosen:
-        record = run(case.name, full, out)
+        record = run(case, full, out)
         LOGGER.info("%s\n%s", case.title, "\n".join(record["results"]["lines"]))
     return ExitCode.OK
 

@@ -23,7 +23,8 @@ import numpy as np
 from runout.errors import DemError, InputError, ReleaseError
 from runout.io import crs as coordinate_systems
 from runout.io.boundary import as_path, exists, kind_of, names_in
-from runout.io.elevation_raster import ElevationRaster, Header, require_usable
+from runout.io.elevation_raster import ElevationRaster, Header
+from runout.io.georeference import require_usable
 from runout.io.mesh_files import MESHES, OTHER_MESHES
 from runout.io.opening import PARTS, is_netcdf, open_raster
 from runout.io.references import header, require_vrt_inside

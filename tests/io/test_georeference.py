@@ -5,7 +5,7 @@ import math
 import pytest
 
 from runout.errors import DemError
-from runout.io.elevation_raster import file_named_by, require_own_grids, require_usable
+from runout.io.georeference import file_named_by, require_own_grids, require_usable
 
 
 def refusal(*transform: float) -> str:

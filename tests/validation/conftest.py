@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from runout.studies import validation
+from tests.benchmarks import validation_studies
 
 FOLDERS = {
     "coulomb_only": "iseesnow/CoulombOnly",
@@ -29,7 +30,8 @@ def results():
         if name in FOLDERS and (not place or not (Path(place) / FOLDERS[name]).exists()):
             pytest.skip(f"RUNOUT_DATA names no folder with {FOLDERS[name]}")
         if name not in made:
-            made[name] = validation.run(name)["results"]
+            case = validation_studies.study(name) if name in validation_studies.NAMES else validation.named(name)
+            made[name] = validation.run(case)["results"]
         return made[name]
 
     return of

@@ -15,7 +15,7 @@ from runout.studies import stability_stress
 from runout.studies.stability_cases.invariants import Watch
 from runout.studies.stability_cases.layout import Layout
 from runout.studies.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
-from runout.studies.stability_stress import LARGEST, attempt
+from runout.studies.stability_cases.trial import LARGEST, attempt
 
 REFUSED = {  # pinned trials that must be refused, and words of the reason
     "cfl = 0.61": "unstable above 0.6",

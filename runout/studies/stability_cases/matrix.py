@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from runout.model.limits import LARGEST_RADIANS, LIMITS
 from runout.studies.stability_cases.layout import CLIFFS, TERRAINS, Layout
-from runout.studies.stability_stress import LARGEST
+from runout.studies.stability_cases.trial import LARGEST
 
 SAMPLES, SEED = 200, 20
 PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
