@@ -13,18 +13,10 @@ from runout.ensemble.cluster import Cluster
 
 @dataclass(frozen=True)
 class Traits:
-    """What the command line has to know of a command before it runs.
+    """What the command line has to know of a command before it runs."""
 
-    Attributes
-    ----------
-    writes : bool
-        Whether it writes to a results folder, which is refused before any work if it cannot be written.
-    short : bool
-        Whether it imports more than it works, so that looking for garbage costs more than it frees.
-    """
-
-    writes: bool = True
-    short: bool = False
+    writes: bool = True  # whether it writes to a results folder, which is refused before any work if it cannot be written
+    short: bool = False  # whether it imports more than it works, so that looking for garbage costs more than it frees
 
 
 TRAITS: dict[Callable[..., int], Traits] = {}  # by function, in the order of definition

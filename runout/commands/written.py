@@ -13,18 +13,10 @@ from runout.io.places import require_place, require_results
 
 @dataclass(frozen=True)
 class Written:
-    """Mark of an option that names what a command writes.
+    """Mark of an option that names what a command writes."""
 
-    Attributes
-    ----------
-    folder : bool or None
-        Whether that is a folder; None: if the name has no ending.
-    instead : bool
-        Whether the command then writes nothing to the results folder.
-    """
-
-    folder: bool | None = False
-    instead: bool = False
+    folder: bool | None = False  # whether that is a folder; None: if the name has no ending
+    instead: bool = False  # whether the command then writes nothing to the results folder
 
 
 def require_places(command: Callable[..., Any], arguments: Mapping[str, Any], out: Path | None) -> None:

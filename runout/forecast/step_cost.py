@@ -142,10 +142,7 @@ def _layer(scene: Scene, cells: int) -> Particles:
 class StepTimer:
     """Processor time of the steps of a member: it counts from the first call of its progress on, after all preparation.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the fraction, 0 to 1, that this object is called with.
+    ``progress``: called with the fraction, 0 to 1, that this object is called with.
     """
 
     def __init__(self, progress: Callable[[float], None] | None = None):

@@ -8,7 +8,7 @@ from runout.backends.protocol import Backend, LedgerRow
 from runout.model.nodal_surface import NodalSurface
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Scene
-from runout.release import stagger
+from runout.release import arrangement
 from runout.simulation.entering import Entering
 from runout.simulation.erosion import ErodingBed
 from runout.studies.stability_cases.layout import EDGE, NARROW, Layout
@@ -166,7 +166,7 @@ class Watch:
         assert self.scene.ground is not None
         above = _height(self.scene.ground, p.position(h))
         edges = " at narrow edges" if self.layout.terrain in NARROW else ""
-        middle = above + (stagger.LEVELS - 1) * p.radius  # half a layer above its lower end
+        middle = above + (arrangement.LEVELS - 1) * p.radius  # half a layer above its lower end
         self._keep(f"penetration{edges}", float(-middle.min() / h.min()))
         self._keep("sinking", float(-(above - p.radius).min() / h.min()))
 
