@@ -25,7 +25,7 @@ from runout.io.layer_crs import stated_crs
 from runout.io.opening import BYTES_PER_CELL
 from runout.io.polygons import read_frame
 from runout.io.provenance import checksum
-from runout.io.source_kinds import holds_geometries
+from runout.io.references import holds_geometries
 from runout.io.window import LARGEST_WHOLE, Bounds, bounds_of, part_of
 from runout.terrain.source import THICKNESS, errors_as, open_source
 

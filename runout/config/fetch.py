@@ -16,7 +16,7 @@ from runout.config.quantities import Text
 from runout.config.stated_at import without_folder
 from runout.errors import InputError, StorageError
 from runout.io.boundary import exists, require_regular
-from runout.io.source_kinds import file_in, with_file
+from runout.io.references import file_in, with_file
 
 DATA_FOLDER = "RUNOUT_DATA"
 CACHE_FOLDER = "RUNOUT_CACHE"

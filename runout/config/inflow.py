@@ -5,18 +5,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from pydantic import AfterValidator, model_validator
+from pydantic import model_validator
 
 from runout.config import pore_pressure
-from runout.config.distributions import Settings, limited, plausible_degrees, quantity, refuse
+from runout.config.distributions import Settings, limited, quantity, refuse
 from runout.config.document import Document, read_document
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, OwnFriction
 from runout.config.material import DEFAULT_LAW, INFLOW_SAMPLED, OwnMaterial
 from runout.config.pore_pressure import PorePressureSettings
-from runout.config.stated_at import Reading, read_each, stated_at, within_site
+from runout.config.quantities import Degrees
+from runout.config.stated_at import Reading, entry_number, read_each, stated_at, within_site
 from runout.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 INFLOW = "inflow"
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 FACTOR, DELAY = "discharge_factor", "inflow_delay"
-Degrees = Annotated[float, AfterValidator(plausible_degrees)]
 
 
 def inflow_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -121,7 +121,7 @@ def _placed_inflow(entry: InflowSettings, file: Path, terrain: "Terrain") -> "In
         inflow = _inflow(entry, file, terrain, series)
     if entry.pore_pressure is None:
         return inflow
-    with stated_at(file, INFLOW, partial(inflow_number, file, entry.name), "pore_pressure", "ratio"):
+    with stated_at(file, INFLOW, partial(entry_number, file, INFLOW, entry.name), "pore_pressure", "ratio"):
         return replace(inflow, pore_pressure=pore_pressure.made(entry.pore_pressure, file, terrain))
 
 
@@ -136,7 +136,7 @@ def _inflow(entry: InflowSettings, file: Path, terrain: "Terrain", series: Any) 
 @contextmanager
 def placed(file: Path, name: str, key: str) -> Iterator[None]:
     """Context that puts line and key of site.yaml before every problem of a file that the inflow of a name states."""
-    number = partial(inflow_number, file, name)
+    number = partial(entry_number, file, INFLOW, name)
     try:
         with stated_at(file, INFLOW, number, key):
             yield
@@ -144,13 +144,6 @@ def placed(file: Path, name: str, key: str) -> Iterator[None]:
         document = read_document(file) if file.is_file() else Document(file.name)
         parts = [within_site(str(one), file.parent).partition("; ") for one in (error.problems or (error,))]
         raise ConfigError([document.problem((INFLOW, number(), key), text, fix) for text, _, fix in parts]) from None
-
-
-def inflow_number(file: Path, name: str) -> int:
-    """Position of the inflow of a name in the list of site.yaml; 0 if it is not there."""
-    listed = read_document(file).value((INFLOW,)) if file.is_file() else None
-    named = [entry.get("name", INFLOW) if isinstance(entry, dict) else None for entry in listed or []]
-    return named.index(name) if name in named else 0
 
 
 def of_member(inflows: "Sequence[Inflow]", sample: Mapping[str, float]) -> "list[Inflow]":

@@ -11,8 +11,8 @@ from runout.config.fetch import locate
 from runout.config.friction import SiteFriction
 from runout.config.release_start import start_of
 from runout.config.schema import ReleaseSettings, SiteSettings
-from runout.config.stated_at import Reading, read_each, release_number, stated_at
-from runout.io.source_kinds import is_mesh
+from runout.config.stated_at import Reading, entry_number, read_each, stated_at
+from runout.io.references import is_mesh
 
 if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
@@ -96,7 +96,7 @@ def read_releases(settings: SiteSettings, file: Path, terrain: "Terrain") -> "Re
 
 def _placed_release(entry: ReleaseSettings, file: Path, terrain: "Terrain") -> "Release":
     key = "raster" if entry.polygons is None else "polygons"
-    number = partial(release_number, file, entry.name)
+    number = partial(entry_number, file, "release", entry.name)
     with stated_at(file, "release", number, key):
         release = _release(entry, file, terrain)
         if start := start_of(entry):

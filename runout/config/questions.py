@@ -104,7 +104,7 @@ def _readable_release(answer: str) -> None:
 def _of_numbers(dem: str, release: str) -> list[str]:
     """Options with the thickness of polygons and the grid spacing; a raster holds its own thickness."""
     from runout.config.scaffold import cell_and_release
-    from runout.io.source_kinds import holds_geometries
+    from runout.io.references import holds_geometries
     from runout.model.limits import checked
 
     def read(thickness: str | None) -> tuple[float, dict[str, Any]]:

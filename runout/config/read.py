@@ -37,7 +37,7 @@ from runout.config.wording import choice_fix
 from runout.errors import ConfigError, InputError, Problem
 from runout.io.boundary import exists, kind_of, names_in
 from runout.io.georeference import file_named_by
-from runout.io.source_kinds import file_in
+from runout.io.references import file_in
 from runout.model.friction_laws import DEFAULT_FRICTION
 
 FILE_NAME = "site.yaml"

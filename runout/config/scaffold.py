@@ -28,7 +28,7 @@ from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import SiteSettings
 from runout.errors import DemError, InputError, ReleaseError
 from runout.io.boundary import exists, kind_of, names_in
-from runout.io.source_kinds import file_in, holds_geometries, is_dataset, with_file
+from runout.io.references import file_in, holds_geometries, is_dataset, with_file
 from runout.model.limits import LIMITS, checked, is_number
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from runout.config.structures import raise_placed, read_bodies, read_protected_a
 from runout.errors import InputError, StructureError
 from runout.io.fingerprint import KnownFiles, Unchanged
 from runout.io.input_copies import files_of
-from runout.io.source_kinds import is_mesh, sample_path
+from runout.io.references import is_mesh, sample_path
 
 if TYPE_CHECKING:
     import numpy as np

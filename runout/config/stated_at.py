@@ -58,11 +58,11 @@ def stated_at(file: Path, *place: str | int | Callable[[], int]) -> Iterator[Non
         raise
 
 
-def release_number(file: Path, name: str) -> int:
-    """Position of the release of a name in the list of site.yaml, of which settings may hold a part; 0 if it is not there."""
-    listed = read_document(file).value(("release",)) if file.is_file() else None
-    named = [entry.get("name", "release") if isinstance(entry, dict) else None for entry in listed or []]
-    return named.index(name) if name in named else 0
+def entry_number(file: Path, block: str, name: str) -> int:
+    """Position of the entry of a name in a list of site.yaml, of which settings may hold a part; 0 if it is not there."""
+    listed = read_document(file).value((block,)) if file.is_file() else None
+    names = [entry.get("name", block) if isinstance(entry, dict) else None for entry in listed or []]
+    return names.index(name) if name in names else 0
 
 
 def within_site(text: str, folder: Path) -> str:

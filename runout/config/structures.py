@@ -14,7 +14,7 @@ from runout.config.fetch import locate
 from runout.config.quantities import Degrees, Text, within
 from runout.config.stated_at import within_site
 from runout.errors import InputError, StructureError
-from runout.io.source_kinds import is_mesh
+from runout.io.references import is_mesh
 from runout.structures.readers import other_meshes, reader_of
 
 if TYPE_CHECKING:

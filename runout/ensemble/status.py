@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.ensemble.member import Member, members_folder, plan_members
-from runout.ensemble.unused import unused_files
-from runout.ensemble.written import Found, Written
+from runout.ensemble.written import Found, Written, unused_files
 from runout.errors import InputError, StabilityError
 from runout.io.atomic import read_json, write_json
 

@@ -1,11 +1,15 @@
-"""What the files of the members held when they were written, so that a damaged one is found and simulated again."""
+"""What the files of the members held when they were written, so that a damaged one is found and simulated again.
 
+Files that the present settings do not use are kept for settings that come back, and removed on demand.
+"""
+
+import re
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from runout.ensemble.member import stored_key
+from runout.ensemble.member import Member, members_folder, stored_key
 from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.lock import exclusive
@@ -14,6 +18,7 @@ from runout.io.provenance import sha256
 RECORD = "checksums.json"
 SAVE_SECONDS = 1.0  # at least, between two times that the record is written while members finish
 SAVE_SHARE = 20  # the same, relative to the time that writing it takes: many jobs may share a record
+OWN_FILE = re.compile(r"([0-9a-f]{16}|\d{4,})\.(nc|failed\.json|([0-9a-f]{16}\.)?checkpoint\.npz)")  # numbers: of earlier versions
 
 
 @dataclass(frozen=True)
@@ -108,3 +113,30 @@ class Written:
         self.removed.clear()
         self.saved = time.monotonic()
         self.pause = max(SAVE_SECONDS, SAVE_SHARE * (self.saved - started))
+
+
+def unused_files(results: Path, members: Iterable[Member]) -> list[Path]:
+    """Files of other members than ``members`` in a results folder, in the order of their names; no files of other origin."""
+    folder, used = members_folder(results), {member.name for member in members}
+    if not folder.is_dir():
+        return []
+    others = (path for path in folder.iterdir() if path.name.partition(".")[0] not in used)
+    return sorted(path for path in others if OWN_FILE.fullmatch(path.name) and path.is_file())
+
+
+def remove_unused(results: Path, members: Iterable[Member]) -> tuple[int, int]:
+    """Remove the files of :func:`unused_files`; returns their number and size [byte].
+
+    Raises StorageError if a run works in the folder, or a file cannot be removed.
+    """
+    folder = members_folder(results)
+    if not folder.is_dir():
+        return 0, 0
+    with exclusive(folder):
+        files, written = unused_files(results, members), Written(results)
+        size = sum(path.stat().st_size for path in files)
+        for path in files:
+            written.forget(path)
+        if files:
+            written.save()
+    return len(files), size

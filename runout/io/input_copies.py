@@ -25,8 +25,7 @@ import numpy as np
 
 from runout.errors import InputError
 from runout.io.opening import NETCDF, open_raster, open_vector
-from runout.io.references import SOURCES, header, is_vrt
-from runout.io.source_kinds import SQLITE, file_in, with_file
+from runout.io.references import SOURCES, SQLITE, file_in, header, is_vrt, with_file
 from runout.io.window import LARGEST_WHOLE
 
 CELLS_AT_ONCE = 2**20  # cells of two rasters that are compared at once

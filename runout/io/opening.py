@@ -25,8 +25,20 @@ import numpy as np
 from runout.errors import InputError
 from runout.io.boundary import exists, require_regular
 from runout.io.georeference import FARTHEST, require_own_grids
-from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
-from runout.io.source_kinds import FLATGEOBUF, GEODATABASE, PARTS, SHAPEFILE, SQLITE, is_json, with_file
+from runout.io.references import (
+    FLATGEOBUF,
+    GEODATABASE,
+    PARTS,
+    SHAPEFILE,
+    SQLITE,
+    header,
+    is_json,
+    is_vrt,
+    require_geopackage_inside,
+    require_json_inside,
+    require_vrt_inside,
+    with_file,
+)
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 PLACES = (0, *(512 << k for k in range(16)))  # offsets of the signature after a user block

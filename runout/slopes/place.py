@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.io.source_kinds import file_in
+from runout.io.references import file_in
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from runout.io import crs as coordinate_systems
 from runout.io.boundary import as_path
 from runout.io.elevation_raster import ElevationRaster
 from runout.io.mesh_files import read_mesh
-from runout.io.source_kinds import MESHES
+from runout.io.references import MESHES
 from runout.io.window import LARGEST_WHOLE, Bounds
 from runout.model.limits import checked
 from runout.model.terrain import Terrain

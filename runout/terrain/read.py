@@ -11,7 +11,7 @@ from runout.io import crs as coordinate_systems
 from runout.io.boundary import as_path
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
-from runout.io.source_kinds import sample_path
+from runout.io.references import sample_path
 from runout.io.window import Bounds
 from runout.model.arrays import real_array, real_pair, shown
 from runout.model.terrain import Terrain

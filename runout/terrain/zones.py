@@ -13,8 +13,7 @@ import numpy as np
 
 from runout.errors import InputError, ReleaseError, ZoneError
 from runout.io.polygon_coverage import within_extent
-from runout.io.polygon_overlap import OVERLAP, SLIVER
-from runout.io.polygons import NAMED, PolygonLayer, read_polygons, without_overlap
+from runout.io.polygons import NAMED, OVERLAP, SLIVER, PolygonLayer, read_polygons, without_overlap
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.pore_pressure import RatioZones

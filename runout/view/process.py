@@ -71,7 +71,7 @@ def make(
         "frames", "files" or "window".
     scene : FlowScene
     look : mapping
-        Arguments of :class:`runout.view.picture.Look`.
+        Arguments of :class:`runout.view.renderer.Look`.
     folder : Path
         Empty folder for the job.
     progress : callable, optional

@@ -308,7 +308,7 @@ def _inspect_overlaps(findings: Findings, site: "Site", terrain: "Terrain") -> N
             continue
         shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
         if shared and one.outline is not None and other.outline is not None:
-            from runout.io.polygon_overlap import SLIVER
+            from runout.io.polygons import SLIVER
 
             cells = one.outline.intersection(other.outline).area / terrain.cell_area
             shared = math.ceil(cells) if cells >= SLIVER else 0

@@ -203,7 +203,7 @@ def _make_folder(path: Path) -> None:
 def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
     """Settings whose paths of input files are relative to a new folder; public files and samples keep their names."""
     from runout.config.site_files import named_inputs
-    from runout.io.source_kinds import file_in, with_file
+    from runout.io.references import file_in, with_file
 
     result = deepcopy(dict(content))
     for location, value in named_inputs(content):
@@ -221,7 +221,7 @@ def _extent(site: "Site", content: Mapping[str, Any], place: Path, known: "Known
     """West, south, east and north of the part of the raster of a source; None: that of the site."""
     from runout.io import source_code
     from runout.io.provenance import checksum
-    from runout.io.source_kinds import is_mesh
+    from runout.io.references import is_mesh
 
     terrain = content["terrain"]
     if any(content.get(key) for key in WHOLE) or any(terrain.get(key) for key in _LOCAL) or is_mesh(site.settings.terrain.dem):

@@ -77,7 +77,7 @@ class Choices:
 
     @property
     def look(self) -> dict[str, Any]:
-        """Arguments of :class:`runout.view.picture.Look`."""
+        """Arguments of :class:`runout.view.renderer.Look`."""
         return {"colour": self.colour, "show": self.show, "direction": stated_direction(self.camera), "size": self.size}
 
 

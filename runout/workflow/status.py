@@ -48,7 +48,7 @@ def clean(site_path: Path, out: Path | None = None) -> int:
     """Remove the files of members that the settings of a site do not use; the exit code."""
     from runout import log
     from runout.ensemble.member import plan_members
-    from runout.ensemble.unused import remove_unused
+    from runout.ensemble.written import remove_unused
     from runout.workflow.study import Study
 
     study = Study.open(site_path, out)

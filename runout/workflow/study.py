@@ -167,7 +167,7 @@ class Study:
     def unused(self) -> list[Path]:
         """Files of members that the present settings do not use."""
         from runout.ensemble.member import plan_members
-        from runout.ensemble.unused import unused_files
+        from runout.ensemble.written import unused_files
 
         return unused_files(self.results, plan_members(self.site))
 

@@ -20,9 +20,8 @@ from runout.ensemble import workers
 from runout.ensemble.member import Member, plan_members, stored_key
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import standings
-from runout.ensemble.unused import remove_unused, unused_files
 from runout.ensemble.work import dealt, longest_first
-from runout.ensemble.written import Written
+from runout.ensemble.written import Written, remove_unused, unused_files
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 from runout.io.lock import exclusive
 from runout.io.source_code import Checksums

@@ -6,7 +6,7 @@ import shapely
 
 from runout import FrictionZones, Structures, StructureSource, ZoneError, simulate
 from runout.errors import CapacityError, ConfigError, DemError, ReleaseError, StructureError
-from runout.io import polygon_overlap as overlap
+from runout.io import polygons as overlap
 from runout.io.polygons import read_polygons
 from runout.model.release import Release
 

@@ -9,7 +9,7 @@ import pytest
 from runout.cli import main
 from runout.errors import ConfigError, ExitCode, InputError
 from runout.studies import validation
-from runout.studies.validation_cases import CASES
+from runout.studies.validation import CASES
 from runout.studies.validation_cases.case import ValidationCase, data_folder
 
 ROOT = Path(__file__).parents[2]
