@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.calibration.joint import OF_EVENT
-from runout.calibration.posterior import Posterior
+from runout.calibration.posterior import OF_EVENT, Posterior
 from runout.calibration.sobol_indices import SobolIndices
 from runout.report.figures import parameter_label, tidy
 from runout.report.maps import WIDE

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from runout.config import bed, inflow, release_start, scheme
 from runout.config.design_table import DesignTable, as_stated, read_design
-from runout.config.document import Document, Location, read_document, shortened
+from runout.config.document import Document, Location, read_document, set_values, shortened
 from runout.config.friction import ANGLE, KEY, OF_RELEASE, PREFIX, sampled_ranges, stated_law
 from runout.config.hazard import without_a_bed
 from runout.config.law_block import in_keys
@@ -30,7 +30,6 @@ from runout.config.schema import (
     release_conflicts,
     zone_conflicts,
 )
-from runout.config.set_values import set_values
 from runout.config.site_files import named_inputs
 from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
@@ -55,7 +54,7 @@ def load(path: Path | str, changes: Sequence[str] = ()) -> SiteSettings:
 
 
 def changed_document(file: Path, changes: Sequence[str] = ()) -> Document:
-    """Content of a site.yaml with ``changes`` of the command line, each ``KEY=VALUE`` (:mod:`runout.config.set_values`)."""
+    """Content of a site.yaml with ``changes`` of the command line, each ``KEY=VALUE`` (:mod:`runout.config.document`)."""
     document = read_document(file)
     set_values(document, changes)
     return document

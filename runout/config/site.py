@@ -233,7 +233,7 @@ def read_site(path: Path | str, changes: Sequence[str] = ()) -> Site:
     ----------
     path : Path or str
     changes : sequence of str
-        Settings that take the place of those of site.yaml, each ``KEY=VALUE`` (:func:`runout.config.set_values.set_values`).
+        Settings that take the place of those of site.yaml, each ``KEY=VALUE`` (:func:`runout.config.document.set_values`).
 
     Raises
     ------

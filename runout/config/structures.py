@@ -218,8 +218,8 @@ def _protected_area(path: Path, layer: str | None, terrain: "Terrain") -> np.nda
     """Covered area (rows, columns) [m2] of each cell in the polygons of a file."""
     import shapely
 
+    from runout.io.polygon_coverage import on_cells
     from runout.io.polygons import read_polygons
-    from runout.terrain.overlay import on_cells
 
     parts = read_polygons(path, terrain, layer, "protected area", key="protects_layer").polygons
     covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)

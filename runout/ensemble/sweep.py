@@ -15,12 +15,11 @@ from decimal import Decimal, InvalidOperation
 import numpy as np
 
 from runout.config.design_table import SCENARIO, SEED, cell_fault
-from runout.config.document import shortened
+from runout.config.document import PREFIXES, SAMPLED, shortened
 from runout.config.friction import OF_RELEASE
 from runout.config.member_arguments import ROW_EXTRAS, member_ranges
 from runout.config.scenarios import FAILS
 from runout.config.schema import EnsembleSettings, SiteSettings
-from runout.config.set_values import PREFIXES, SAMPLED
 from runout.config.wording import choice_fix
 from runout.ensemble.design import member_table, quantiles
 from runout.errors import ConfigError, Problem

@@ -1,12 +1,16 @@
 """Exact covered areas and conservative regridding between rectangular lattices.
 
 Lattices are given by ascending edges; arrays over them are (nx, ny), index 0 west and south.
+
+On the cells of a terrain, polygons are means by area.
 """
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from runout.model.terrain import Terrain
 
 ROUND_OFF = 1e-11  # covered shares below this count as 0, above 1 minus this as 1
 SAME_EDGE = 1e-6  # edges closer than this share of a cell are one edge: headers print few digits
@@ -207,3 +211,43 @@ def within_extent(shapes: np.ndarray, extent: tuple[float, float, float, float])
     broken[broken] = ~shapely.is_valid(cut[broken])
     cut[broken] = shapely.intersection(shapes[broken], shapely.box(*extent))
     return cut  # type: ignore[no-any-return]
+
+
+def on_cells(parts: np.ndarray, values: np.ndarray, terrain: Terrain) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:
+    """Share of each cell that polygons cover, their values times that share, and the parts on the terrain with their values.
+
+    Parameters
+    ----------
+    parts : ndarray (n,) of shapely geometries
+        In map coordinates, without overlap; what lies beyond the terrain is left out.
+    values : ndarray (n,)
+
+    Returns
+    -------
+    covered, weighted : ndarray (nx, ny)
+        First index east, second north, from the south-west corner.
+    parts_inside : list of (geometry, value)
+    """
+    import shapely
+
+    inside = within_extent(parts, terrain.extent)
+    parts_inside = [(part, float(value)) for part, value in zip(inside, values, strict=True) if part.area > 0]
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    edges = np.arange(columns + 1) * dx, np.arange(rows + 1) * dy
+    covered, weighted = np.zeros((columns, rows)), np.zeros((columns, rows))
+    for value in sorted({value for _, value in parts_inside}):
+        united = shapely.union_all([part for part, own in parts_inside if own == value])
+        window, area = covered_window(shapely.transform(united, terrain.frame.to_local), edges)
+        covered[window] += area / terrain.cell_area
+        weighted[window] += value * area / terrain.cell_area
+    return covered, weighted, parts_inside
+
+
+def covered_part(shape: Any, terrain: Terrain) -> tuple[tuple[slice, slice], np.ndarray]:
+    """Rows and columns around a polygon inside a terrain, and the area [m2] of each of these cells that it covers."""
+    import shapely
+
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    local = shapely.transform(shape, terrain.frame.to_local)
+    (east, north), area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
+    return (slice(rows - north.stop, rows - north.start), east), area.T[::-1]

@@ -10,9 +10,8 @@ import numpy as np
 
 from runout.errors import ObservationError, ReleaseError
 from runout.io.layer_crs import Points, ToTerrain, to_terrain
-from runout.io.polygon_coverage import SAME_EDGE, regrid
+from runout.io.polygon_coverage import SAME_EDGE, on_cells, regrid
 from runout.model.terrain import Terrain
-from runout.terrain.overlay import on_cells
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -21,13 +21,13 @@ from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_json, write_text
 from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
+from runout.io.polygon_coverage import covered_part
 from runout.model.limits import Range, checked, checked_within
 from runout.release.ground import require_elevation, require_inside
 from runout.release.read import release_from_array
 from runout.slopes.choices import ScarpChoices, record
 from runout.slopes.place import read_place
 from runout.terrain.open_edge import filled
-from runout.terrain.overlay import covered_part
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from runout.io.atomic import write_json, write_text
 from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
 from runout.io.netcdf import write as write_netcdf
+from runout.io.polygon_coverage import covered_part
 from runout.io.vector import outline, write_layers
 from runout.model.limits import PARTICLES_PER_CELL
 from runout.model.numerics import Scheme
@@ -41,7 +42,6 @@ from runout.slopes.infinite_slope import LARGEST_FACTOR, Stability, assumptions,
 from runout.slopes.infinite_slope import record as record_of
 from runout.slopes.place import Place, read_place
 from runout.slopes.sinks import LISTED, Sink, TerrainFigures, terrain_figures
-from runout.terrain.overlay import covered_part
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:

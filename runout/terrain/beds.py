@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from runout.errors import InputError, ReleaseError
+from runout.io.polygon_coverage import on_cells
 from runout.io.polygons import read_polygons, without_overlap
 from runout.model.bed import Bed, default_erosion
 from runout.model.erosion_laws import Erosion
@@ -15,7 +16,6 @@ from runout.model.limits import LIMITS
 from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
 from runout.terrain.friction_rasters import sampled_raster
-from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)
 DEPTH = Parameter("depth", "depth of the bed", replace(LIMITS["bed_depth"], open_low=False), None, 0.0, 1.0, sampled=False)

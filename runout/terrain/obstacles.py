@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import DemError, ReleaseError
+from runout.io.polygon_coverage import on_cells
 from runout.io.polygons import read_polygons, without_overlap
 from runout.model.terrain import Terrain
-from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)
 

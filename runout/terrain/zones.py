@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 
 from runout.errors import InputError, ReleaseError, ZoneError
-from runout.io.polygon_coverage import within_extent
+from runout.io.polygon_coverage import covered_part, on_cells, within_extent
 from runout.io.polygons import NAMED, OVERLAP, SLIVER, PolygonLayer, read_polygons, without_overlap
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.pore_pressure import RatioZones
 from runout.model.terrain import Terrain
-from runout.terrain.overlay import covered_part, on_cells
 
 log = logging.getLogger(__name__)
 LEAST_COVER = 0.5  # share of a cell that a zone covers at least
@@ -113,7 +112,7 @@ def _zeros(polygons: PolygonLayer, entry: float | str | None, values: np.ndarray
 def _on_terrain(
     source: Path, parts: np.ndarray, values: np.ndarray, terrain: Terrain
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:
-    """:func:`runout.terrain.overlay.on_cells`; ZoneError if no part lies on the terrain."""
+    """:func:`runout.io.polygon_coverage.on_cells`; ZoneError if no part lies on the terrain."""
     covered, weighted, parts_inside = on_cells(parts, values, terrain)
     if not parts_inside:
         raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")

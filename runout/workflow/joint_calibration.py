@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.calibration.joint import OF_EVENT, JointLikelihood, JointPrior
 from runout.calibration.observed_scalars import ObservedScalar, concerns, with_errors
-from runout.calibration.posterior import STEPS, Posterior, sampled_posterior
+from runout.calibration.posterior import OF_EVENT, STEPS, JointLikelihood, JointPrior, Posterior, sampled_posterior
 from runout.errors import ConfigError, ExitCode
 from runout.io import source_code
 from runout.io.atomic import read_json, write_json

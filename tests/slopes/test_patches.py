@@ -13,7 +13,7 @@ from rasterio.transform import from_origin
 
 from runout import Release, Terrain, cli
 from runout.errors import ExitCode
-from runout.terrain.overlay import covered_part
+from runout.io.polygon_coverage import covered_part
 from runout.workflow.check import inspect
 
 CELL, WEST, NORTH = 5.0, 500_000.0, 5_000_000.0

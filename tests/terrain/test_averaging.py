@@ -5,10 +5,10 @@ import pytest
 import shapely
 
 from runout.errors import ConfigError, DemError
+from runout.io.polygon_coverage import covered_part, on_cells
 from runout.model.terrain import Terrain
 from runout.terrain.averaging import averaged, smoothed
 from runout.terrain.open_edge import continued, filled
-from runout.terrain.overlay import covered_part, on_cells
 
 CELL = (10.0, 5.0)  # east, north
 WEST, SOUTH = 600_000.0, 5_200_000.0
