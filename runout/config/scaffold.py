@@ -370,21 +370,10 @@ def _quoted(text: str) -> str:
 
 
 def thickness_of(path: Path, table: Any, choice: str | None = None) -> float | str:
-    """Thickness of release polygons for a new site.yaml: name of an attribute or a number [m]. The choice is logged.
+    """Thickness of release polygons for a new site.yaml: name of an attribute of their table, or a number [m].
 
-    Parameters
-    ----------
-    path : Path
-        Vector file, for messages.
-    table : pandas.DataFrame
-        Attributes of its polygons, one row a polygon.
-    stated : str, optional
-        Attribute or number [m] that the user states; it overrides the search.
-
-    Raises
-    ------
-    InputError
-        If there is no such attribute, or there are several that may be the thickness.
+    The choice is logged. A stated ``choice`` overrides the search. Raises InputError if there is no such attribute, or several may
+    be the thickness.
     """
     if choice is not None:
         return _stated(path, table, choice)

@@ -124,19 +124,10 @@ def simulate_member(
 ) -> None:
     """Simulate one member and write its file, whole or not at all; runs in a worker process.
 
-    One that was broken off half-way goes on from its checkpoint.
-
-    Parameters
-    ----------
-    simulate : callable, optional
-        Takes the place of :func:`runout.simulate`; importable by name, since it travels to other processes. It is given
-        ``checkpoint`` and ``progress`` if it takes them.
-    threads : int
-        Threads of the simulation.
-    progress : callable, optional
-        Called with the fraction of the member that is done, 0 to 1.
-    device : str, optional
-        Takes the place of the site's: one of several GPUs.
+    A member that was broken off half-way goes on from its checkpoint. ``simulate`` takes the place of :func:`runout.simulate`. It
+    is importable by name, since it travels to other processes, and is given ``checkpoint`` and ``progress`` if it takes them.
+    ``progress`` is called with the fraction of the member that is done, 0 to 1. ``device`` takes the place of the site's: one of
+    several GPUs.
     """
     if stored_key(member.file(results)) == member.key:
         return  # finished just before its worker died, and handed out again

@@ -15,21 +15,9 @@ STRETCH = (2.0, 98.0)  # percentiles that become black and white, of bands that 
 def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str | None, most: int = MOST_PIXELS) -> np.ndarray:
     """Colours (height, width, 3) of uint8 of a GeoTIFF in a window, north up; grey where the file has no pixels.
 
-    Parameters
-    ----------
-    path : Path
-        Raster with one band (grey) or three (red, green, blue) in any coordinate system.
-    extent : tuple of float
-        West, south, east and north of the window [m].
-    crs : str or None
-        Coordinate system of the window; None: that of the file.
-    most : int
-        Pixels along the longer side.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, states no coordinate system, or does not touch the window.
+    The raster has one band (grey) or three (red, green, blue) in any coordinate system. The window, ``extent``, is west, south,
+    east and north [m] in the system ``crs``, or in that of the file if it is None; its longer side gets at most ``most`` pixels.
+    Raises InputError if the file cannot be read, states no coordinate system, or does not touch the window.
     """
     import rasterio
 

@@ -51,23 +51,11 @@ Plan = dict[Path, str]  # files and the names of their copies
 
 
 def copy_raster(source: str, folder: Path, stem: str) -> str:
-    """Name of the copy of a raster in a folder, relative to it.
+    """Name of the copy of a raster in an existing folder, relative to it; ``stem`` is that name without suffix.
 
-    Parameters
-    ----------
-    source : str
-        File, folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
-    folder : Path
-        Existing folder of the copy.
-    stem : str
-        Name of the copy without suffix.
-
-    Raises
-    ------
-    InputError
-        If the raster cannot be read, or its copy does not read as the original.
-    OSError
-        If the copy cannot be written.
+    The source is a file, the folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as
+    ``NETCDF:"dem.nc":z``. Raises InputError if it cannot be read, or its copy does not read as the original, and OSError if the
+    copy cannot be written.
     """
     path = Path(file_in(source))
     if path.is_file() and is_vrt(path):

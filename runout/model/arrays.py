@@ -11,16 +11,9 @@ LARGEST_TEXT = 80  # characters of a value in a message
 
 
 def real_array(values: Any, what: str, error: type[InputError]) -> np.ndarray:
-    """A new float64 array of real numbers; masked values become NaN.
+    """A new float64 array of real numbers, of the shape of the values; masked values become NaN.
 
-    Parameters
-    ----------
-    values : array-like
-        Of any shape.
-    what : str
-        For the message, with its source.
-    error : type of InputError
-        Error that is raised for anything else.
+    Raises the given error for anything else; ``what`` names the values in its message, with their source.
     """
     try:
         array: Any = np.ma.asarray(values)

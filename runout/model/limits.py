@@ -99,23 +99,10 @@ def is_number(value: Any) -> bool:
 
 
 def checked(name: str, value: Any, *, place: str = "", key: str = "", error: Callable[[str], Exception] = InputError) -> float:
-    """The value of a quantity of :data:`LIMITS` as a number.
+    """The value of a quantity of :data:`LIMITS`, by its name, as a number.
 
-    Parameters
-    ----------
-    name : str
-        Of the quantity.
-    value : object
-        Value to check.
-    place, key : str
-        Where the value stands and its name there, for the message; default: ``name``.
-    error : callable
-        Function that makes the error from a message.
-
-    Raises
-    ------
-    error
-        If the value is not a finite number or outside the range; states place, key, value, range and remedy.
+    Raises ``error`` if the value is not a finite number or outside the range. The message states place, key (by default the name),
+    value, range and remedy.
     """
     return checked_within(LIMITS[name], f"{place}: {key or name}" if place else key or name, value, error=error)
 

@@ -256,21 +256,9 @@ def calling(function: Any, name: str | None = None, **called: Any) -> FunctionTy
 
 
 def law_followed(registry: Registry[AnyLaw], declared: Any, register: str) -> AnyLaw:
-    """The law that a material or a basal friction follows.
+    """The law of a registry that a material or a basal friction follows; ``register`` names the function that registers such laws.
 
-    Parameters
-    ----------
-    registry : Registry
-        Of these laws.
-    declared : object
-        The material or the basal friction.
-    register : str
-        Name of the function that registers such laws, for the message.
-
-    Raises
-    ------
-    InputError
-        That of the registry, if the class is not registered.
+    Raises the error of the registry if the class is not registered.
     """
     law = registry.find(declared.law)
     if not isinstance(declared, law.declaration):
@@ -304,18 +292,9 @@ def public_names(registry: Registry[AnyLaw]) -> dict[str, str]:
 
 
 def require_declared(law: RegisteredLaw[Any], kind: str, base: type, error: type[InputError], *, ranges: bool = False) -> None:
-    """Raise an error unless the class of a law declares all that is derived from it.
+    """Raise an error unless the class of a law derives from ``base`` and declares all that is derived from it.
 
-    Parameters
-    ----------
-    law : RegisteredLaw
-    kind : str
-        What messages call it.
-    base : type
-        The public class of runout that the class must derive from.
-    error : type of InputError
-    ranges : bool
-        Whether each parameter needs a range.
+    Messages call the law ``kind``. With ``ranges`` each parameter needs a range.
     """
     subject = f"{kind} {law.name or law.declaration.__qualname__}"
     undecorated = any(isinstance(value, Field) for value in vars(law.declaration).values())

@@ -59,16 +59,10 @@ def default_particles(
 
 
 def particles_for(cells: float, slope: float, friction: float) -> tuple[int, int, int]:
-    """Particles per cell (px, py, pz).
+    """Particles per cell (px, py, pz) of a mass of so many ``cells`` [1] through its mean thickness.
 
-    Parameters
-    ----------
-    cells : float
-        Cells through the mean thickness of the mass [1].
-    slope : float
-        Tangent of the steepest ground that the mass can reach [1].
-    friction : float
-        Least coefficient [1] of the ground and of the mass itself.
+    ``slope`` is the tangent [1] of the steepest ground that the mass can reach, ``friction`` the least coefficient [1] of the
+    ground and of the mass itself.
     """
     along, across, levels = PARTICLES_PER_CELL
     if cells < THIN:

@@ -115,23 +115,10 @@ def read_raster(
     basal_friction_angle_deg: float | None = None,
     pore_pressure: PorePressure | None = None,
 ) -> Release:
-    """Release of a raster of vertical thickness [m]; nodata cells are not released.
+    """Release of a raster of vertical thickness [m]; parameters as in :meth:`runout.Release.from_raster`.
 
-    A raster on another grid than the terrain is resampled by area; its volume is kept.
-
-    Parameters
-    ----------
-    path : path
-        Any raster that GDAL reads, north up or south up, in any known coordinate system.
-    volume : float or None
-        Stated volume [m3], checked against the raster's.
-    sign : Sign
-        ``"negative"`` for a raster that states thickness as a loss of elevation.
-
-    Raises
-    ------
-    ReleaseError
-        With the place, the value and the remedy.
+    Cells without data are not released. A raster on another grid than the terrain is resampled by area; its volume is kept. Raises
+    ReleaseError with the place, the value and the remedy.
     """
 
     source = as_path(path, ReleaseError)
@@ -327,21 +314,9 @@ def _volume(values: np.ndarray, edges: tuple[np.ndarray, np.ndarray]) -> float:
 
 
 def matched(thickness: np.ndarray, cell_area: float, volume: float | None, source: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Thickness scaled to the stated volume, and a sentence if the scaling is noticeable.
+    """Thickness [m] over cells of one area [m2], scaled to the stated volume [m3], and a sentence if the scaling is noticeable.
 
-    Parameters
-    ----------
-    thickness : ndarray
-        Mean thickness over cells of one size [m].
-    cell_area : float
-        [m2]
-    volume : float or None
-        Stated volume [m3]; None leaves the thickness as it is.
-
-    Raises
-    ------
-    ReleaseError
-        If both differ by more than 1 %.
+    Without a volume the thickness stays as it is. Raises ReleaseError if both volumes differ by more than 1 %.
     """
     if volume is None:
         return thickness, ()

@@ -287,12 +287,9 @@ def command(site_path: Path, out: Path | None, device: str | None = None) -> int
 def compared(field: np.ndarray, reference: np.ndarray, thresholds: Sequence[float], cell_area: float = 1.0) -> dict[str, Any]:
     """Differences of two maps on cells of ``cell_area`` [m2]; unknown cells count as dry.
 
-    Returns
-    -------
-    dict
-        ``relative_l1`` [1]; sums over the plan area: ``absolute_sum`` of abs(d), ``net_sum`` of d [unit m2], ``squared_sum`` of
-        d^2 [unit^2 m2]; ``reached_area`` where one of them is above 0 [m2]; ``critical_success_index`` by threshold: hits over
-        hits, misses and false alarms, 1 where neither map exceeds it.
+    Keys: ``relative_l1`` [1]; sums over the plan area: ``absolute_sum`` of abs(d), ``net_sum`` of d [unit m2], ``squared_sum`` of
+    d^2 [unit^2 m2]; ``reached_area`` where one of them is above 0 [m2]; ``critical_success_index`` by threshold: hits over hits,
+    misses and false alarms, 1 where neither map exceeds it.
     """
     a, b = np.nan_to_num(field), np.nan_to_num(reference)
     index, d = {}, a - b

@@ -23,25 +23,10 @@ DEFAULTS = asdict(Layout())
 
 
 def stress(out: Path | None = None, full: bool = False, backend: str = "scan", device: str = "cpu") -> list[Trial]:
-    """All trials, in their order.
+    """All trials of a backend on a device, in their order; with a folder ``out`` also its record :data:`FILE`.
 
-    Parameters
-    ----------
-    out : Path or None
-        Folder for the record :data:`FILE`; nothing is written when None.
-    full : bool
-        Every choice alone and the Latin hypercube (some minutes) instead of the pinned set (seconds).
-    backend : str
-        "scan", "hash" or "reference".
-    device : str
-        "cpu", or "cuda:0" for the backend "hash".
-
-    Raises
-    ------
-    StorageError
-        If the folder cannot be written.
-    ConfigError, DeviceError
-        If there is no such backend or device: before a trial, which would count it as refused.
+    A ``full`` test takes every choice alone and the Latin hypercube (some minutes), otherwise the pinned set (seconds). Raises
+    ConfigError or DeviceError if there is no such backend or device: before a trial, which would count it as refused.
     """
     get_backend(backend, device, 1)
     started, trials = time.perf_counter(), list[Trial]()

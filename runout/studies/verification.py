@@ -55,26 +55,11 @@ CASES: dict[str, Case] = {
 
 
 def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) -> list[Finding]:
-    """Run cases of verification; returns their findings, in order.
+    """Findings of cases of verification, in order: of those named in :data:`CASES`, in upper or lower case, or of all.
 
-    With ``out``, the record is rewritten after each case. An interrupted run continues after its last complete case if the code is
-    the same. A complete run is measured again.
-
-    Parameters
-    ----------
-    cases : sequence of str
-        Names from :data:`CASES`, upper or lower case; all if empty.
-    full : bool
-        At the sizes of the documentation (about an hour) instead of those of CI (about two minutes).
-    out : Path or None
-        Folder for the record :data:`FILE`; nothing is written when None.
-
-    Raises
-    ------
-    ConfigError
-        If there is no case of a name.
-    StorageError
-        If the folder cannot be written.
+    A ``full`` run has the sizes of the documentation (about an hour), otherwise those of CI (about two minutes). With a folder
+    ``out`` the record :data:`FILE` is rewritten in it after each case. An interrupted run continues after its last complete case
+    if the code is the same. A complete run is measured again. Raises ConfigError if there is no case of a name.
     """
     asked = [_named(name) for name in cases or CASES]
     code = {"full": full, "cases_asked": [case.name for case in asked], "commit": commit()}

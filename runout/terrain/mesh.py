@@ -48,23 +48,10 @@ def terrain_from_mesh(path: str | PathLike[str], cell_size: float, crs: Any = No
 def read_mesh_terrain(
     path: Path, resolution: float | None, crs: Any = None, extent: Bounds | None = None
 ) -> tuple[Terrain, Overhangs]:
-    """Terrain of an open surface mesh on cells of ``resolution`` [m], and what overhangs it.
+    """Terrain of an open surface mesh on cells of ``resolution`` [m], and what overhangs it; see :meth:`runout.Terrain.from_mesh`.
 
-    Parameters
-    ----------
-    path : Path
-        OBJ, PLY or STL.
-    resolution : float
-        Cells of the terrain [m].
-    crs : anything that pyproj understands, optional
-        Projected system of the coordinates.
-    extent : tuple of float, optional
-        West, south, east and north of what is read [m].
-
-    Raises
-    ------
-    DemError
-        If the file cannot be used, no resolution is stated, or sheets lie one over another that are no overhang; with the place.
+    Raises DemError, with the place, if the file cannot be used, no resolution is stated, or sheets lie one over another that are
+    no overhang.
     """
     if resolution is None:
         raise DemError(f"{path}: a mesh has no cells; state terrain.resolution, the size of the cells that are made of it [m]")

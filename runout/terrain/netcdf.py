@@ -55,21 +55,11 @@ MOST_CELLS = 10_000_000  # of a variable whose range is stated in a message
 
 @contextmanager
 def open_elevation(text: str, names: Sequence[str] = (), what: str = "elevation") -> "Iterator[NetcdfElevation]":
-    """The open elevation of a NetCDF file, or another quantity, of any order of rows, columns and dimensions.
+    """The open elevation of a NetCDF file, or another quantity ``what``, of any order of rows, columns and dimensions.
 
-    Parameters
-    ----------
-    text : str
-        File, or GDAL's name of a variable in it: ``NETCDF:"dem.nc":bed``, ``NETCDF:"dem.nc":/group/bed``.
-    names : sequence of str, optional
-        Names and standard names that tell a quantity other than the elevation.
-    what : str, optional
-        Name of the quantity.
-
-    Raises
-    ------
-    DemError
-        If the file cannot be read, several variables may be meant, or the place or the meaning of the numbers is not clear.
+    ``text`` is the file, or GDAL's name of a variable in it: ``NETCDF:"dem.nc":bed``, ``NETCDF:"dem.nc":/group/bed``. ``names``
+    are names and standard names that tell a quantity other than the elevation. Raises DemError if the file cannot be read, several
+    variables may be meant, or the place or the meaning of the numbers is not clear.
     """
     path, group, name = _parts(text)
     with open_netcdf(path, DemError, group) as dataset, _with_ancestors(dataset, path, group) as whole:

@@ -22,27 +22,11 @@ SAMPLE = "matplotlib:jacksboro_fault_dem"
 
 
 def read_terrain(path: str | PathLike[str], crs: Any = None, extent: Bounds | None = None) -> Terrain:
-    """Terrain of an elevation raster, checked and in metres.
+    """Terrain of an elevation raster, checked and in metres; parameters as in :meth:`runout.Terrain.from_raster`.
 
-    Parameters
-    ----------
-    path : path or str
-        GeoTIFF, ESRI ASCII grid, NetCDF or anything else that GDAL opens, or ``"matplotlib:jacksboro_fault_dem"``
-        for the sample that matplotlib ships.
-    crs : anything that pyproj understands, optional
-        Coordinate reference system of a raster that states none.
-    extent : tuple of float, optional
-        West, south, east and north edge of what is read, in the coordinates of the file; whole cells, the rest is not touched.
-
-    Returns
-    -------
-    Terrain
-        North up, elevation in metres (float64), NaN where unknown. ``changes`` lists what was done on the way.
-
-    Raises
-    ------
-    DemError
-        If the file is missing or unreadable, or its georeference, units or values cannot be used as they are.
+    Any raster that GDAL opens, or ``matplotlib:jacksboro_fault_dem``, the sample that matplotlib ships. North up, in float64, NaN
+    where unknown. ``changes`` lists what was done on the way. Raises DemError if the file is missing or unreadable, or its
+    georeference, units or values cannot be used as they are.
     """
     text, extent = _text_of(path), real_extent(extent)
     if text.startswith("matplotlib:"):

@@ -72,15 +72,9 @@ class Roughness:
 def of_ground(terrain: Terrain, spacing: tuple[float, float], reach: np.ndarray, speed: float) -> Roughness | None:
     """Roughness of a terrain on a grid where a mass may come; None where no such cell has an elevation.
 
-    Parameters
-    ----------
-    terrain : Terrain
-    spacing : tuple of float
-        Of the grid, east and north [m].
-    reach : ndarray (rows, columns) of bool
-        Cells where the mass may come. Of large areas, some windows are taken.
-    speed : float
-        Root mean square of its speed there [m/s]; that of an energy line is 0.7 times its largest.
+    ``spacing`` is that of the grid, east and north [m]. ``reach`` (rows, columns) of bool are the cells where the mass may come;
+    of large areas some windows are taken. ``speed`` is the root mean square of its speed there [m/s]; that of an energy line is
+    0.7 times its largest.
     """
     windows = list(_windows(terrain, spacing, reach))
     if not windows:

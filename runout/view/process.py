@@ -63,24 +63,10 @@ def drawn_by() -> str:
 def make(
     task: str, scene: FlowScene, look: Mapping[str, Any], folder: Path, progress: Callable[[float], None] | None = None
 ) -> list[Path]:
-    """Products of a task of :mod:`runout.view.renderer` in ``folder / "made"``.
+    """Products of a task of :mod:`runout.view.renderer`, "frames", "files" or "window", in ``made`` of an empty folder.
 
-    Parameters
-    ----------
-    task : str
-        "frames", "files" or "window".
-    scene : FlowScene
-    look : mapping
-        Arguments of :class:`runout.view.renderer.Look`.
-    folder : Path
-        Empty folder for the job.
-    progress : callable, optional
-        Called with the finished fraction, 0 to 1.
-
-    Raises
-    ------
-    RenderError
-        If pyvista is missing, there is no OpenGL, the disk is full, or the time limit is exceeded.
+    ``look`` holds the arguments of :class:`runout.view.renderer.Look`. ``progress`` is called with the finished fraction, 0 to 1.
+    Raises RenderError if pyvista is missing, there is no OpenGL, the disk is full, or the time limit is exceeded.
     """
     require_packages()
     scene.save(folder / "scene.npz")
