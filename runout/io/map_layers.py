@@ -45,7 +45,7 @@ def rename_attribute(variable: "netCDF4.Variable", name: str, new_name: str) -> 
     The names are bytes: netCDF4 1.7.5 frees the old name, if it has to encode it, before the C library reads it, and another thread
     may write to its place meanwhile. The library then finds no such attribute, or another one.
     """
-    variable.renameAttribute(name.encode(), new_name.encode())
+    variable.renameAttribute(name.encode(), new_name.encode())  # type: ignore[arg-type]
 
 
 def put(layers: "netCDF4.Variable", values: np.ndarray, index: tuple[int, ...] = (), at: tuple[int, int] = (0, 0)) -> None:
