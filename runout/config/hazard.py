@@ -48,11 +48,19 @@ def _part(q: MapQuantity) -> tuple[Any, Any]:
     return limit(q) | None, quantity(f"at least this {q.extreme}", None, unit=q.units, hint=q.hint)
 
 
+def require_numbers(thresholds: Settings) -> None:
+    """Refuse a threshold that is named and has no number: without it the others would count alone."""
+    for name in sorted(thresholds.model_fields_set):
+        if getattr(thresholds, name) is None:
+            raise refuse("a threshold without a number", "state the number, or remove the key", name)
+
+
 class _JointSettings(Settings):
     """Thresholds of two or more quantities that a member reaches together."""
 
     @model_validator(mode="after")
     def _several(self) -> "_JointSettings":
+        require_numbers(self)
         thresholds = list(self.model_dump(exclude_none=True))
         if len(thresholds) < 2:
             said = f"only {thresholds[0]} has a threshold" if thresholds else "no quantity has a threshold"

@@ -4,8 +4,8 @@ A class has criteria, of which any suffices; a criterion has thresholds that the
 class that it reaches at a rate of 1/T or more, for each return period T. Each value states how its source was checked.
 """
 
-from collections.abc import Iterator, Mapping
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, ValidationError, create_model, model
 
 from runout.config.distributions import Settings, quantity, refuse
 from runout.config.document import Document, Location, read_document
-from runout.config.hazard import limit, rising
+from runout.config.hazard import limit, require_numbers, rising
 from runout.config.problems import problems_of
 from runout.config.quantities import Text
 from runout.config.wording import choice_fix, shown
@@ -60,6 +60,7 @@ class _Criterion(Settings):
 
     @model_validator(mode="after")
     def _one_kind(self) -> "_Criterion":
+        require_numbers(self)
         keys = list(self.model_dump(exclude_none=True))
         if not keys:
             raise refuse("a criterion without thresholds", f"write reached: true, or thresholds of {', '.join(ALL_QUANTITIES)}")
@@ -336,3 +337,20 @@ def _of_matrix(scheme: DangerScheme, periods: int) -> Iterator[tuple[Location, s
         for k, level in enumerate(row):
             if level not in levels:
                 yield (*place, k), f"{level!r} is none of the levels", choice_fix(level, levels)
+    if all(level in levels for row in rows.values() for level in row):
+        yield from _of_order(scheme, rows, levels)
+
+
+def _of_order(scheme: DangerScheme, rows: Mapping[str, list[str]], levels: Sequence[str]) -> Iterator[tuple[Location, str, str]]:
+    """Cells of the matrix with more danger from rarer events, or less danger from a stronger class."""
+    weaker: list[int] = []
+    for one in scheme.classes:
+        row = [levels.index(level) for level in rows.get(one.name, ())]
+        place: Location = ("matrix", "rows", one.name)
+        after = [*row, levels.index(scheme.beyond)] if scheme.beyond in levels and row else row
+        if any(b > a for a, b in pairwise(after)):
+            yield place, "rarer events have a higher level than more frequent ones", "list the shortest return period first"
+        if any(b < a for a, b in zip(weaker, row, strict=False)):
+            message = f"class {one.name!r} has a lower level than a weaker class"
+            yield place, message, "list levels from the lowest and classes from the weakest, and check the row"
+        weaker = row

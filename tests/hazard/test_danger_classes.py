@@ -151,6 +151,29 @@ def read_text(name):
     return (FOLDER / f"{name}.yaml").read_text()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("{thickness: 1, speed: 1}", "{thickness: 1, speed: }", r"own.yaml:13: .*speed: a threshold without a number"),
+        ("{thickness: 1, speed: 1}", "{thickness: 1, speed: null}", r"own.yaml:13: .*speed: a threshold without a number"),
+        (
+            "medium: [blue, blue, yellow]",
+            "medium: [yellow, blue, blue]",
+            r"own.yaml:36: .*medium: rarer events have a higher level",
+        ),
+        (
+            "strong: [red, red, red]",
+            "strong: [red, yellow, residual]",
+            r"own.yaml:37: .*'strong' has a lower level than a weaker class",
+        ),
+        ("beyond: residual", "beyond: red", r"own.yaml:36: .*medium: rarer events have a higher level"),
+    ],
+)
+def test_criteria_without_numbers_and_levels_out_of_order_are_refused(tmp_path, old, new, said):
+    with pytest.raises(ConfigError, match=said):
+        scheme_of(tmp_path, read_text("swiss_debris_flow").replace(old, new))
+
+
 @pytest.mark.parametrize("name", names())
 def test_schemes_of_runout_are_complete(name):
     scheme = read_scheme(name)
