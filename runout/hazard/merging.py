@@ -165,9 +165,13 @@ def read_product(path: Path, names: Sequence[str] = ()) -> "xr.Dataset":
     """Hazard maps of a file, all or some; InputError if there is no file, StorageError if it holds no hazard maps."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; `runout run` makes it")
-    maps = netcdf.read(path, names=names)
+    other = StorageError(f"{path}: holds no hazard maps of a site; name the hazard.nc of its results")
+    try:
+        maps = netcdf.read(path, names=names)
+    except StorageError as error:
+        raise (other if isinstance(error.__cause__, KeyError) else error) from error.__cause__
     if not all(name in maps and maps[name].dims == netcdf.MAP_DIMS and min(maps[name].shape) > 1 for name in NEEDED):
-        raise StorageError(f"{path}: holds no hazard maps of a site; name the hazard.nc of its results")
+        raise other
     return maps
 
 
