@@ -15,6 +15,7 @@ from runout.quantities import (
     CHANGE_PERCENTILE,
     ERODED,
     FIRST_ARRIVAL,
+    MET,
     QUANTITIES,
     SHARE,
     MapQuantity,
@@ -85,7 +86,7 @@ def _count(long_name: str, comment: str | None = None) -> Variable:
     return Variable("1", long_name, dtype="int32", valid_min=0, comment=comment)
 
 
-_JOINTLY = "a member reaches all thresholds of the joint condition, thickness and speed at one time"
+_JOINTLY = "a member reaches all thresholds of the joint condition, those of the flow at one time"
 _FRACTION = "fraction of the ensemble's weight, given that the release happens; not an annual probability"
 
 _MEMBER_MAPS = {
@@ -94,6 +95,9 @@ _MEMBER_MAPS = {
     "eroded_depth": _positive("m", "depth by which the flow lowered the ground, vertical"),
     "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),
     "bed_share": _share("share of the erodible bed in the mass of the deposit", "missing without deposit"),
+    MET: _positive(
+        "1", "joint conditions met at one time", comment="sum of 2**k where condition k of the attribute joint_conditions is met"
+    ),
     "flow_thickness": _positive("m", "flow thickness, vertical"),
     "speed": _positive("m s-1", "speed of the flow"),
     "particle_easting": _double("m", "easting of a particle"),

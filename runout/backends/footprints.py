@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.backends import column_peaks, spreading
+from runout.backends import column_peaks, column_shares, spreading
 from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import BoxSums, NodeSums, RasterSums
 from runout.model.depth_resolution import SHARING as FEWEST
@@ -108,10 +108,11 @@ def nothing() -> RasterSums:
 def loops() -> SimpleNamespace:
     """The compiled loops of :mod:`runout.backends.spreading`, without fused operations."""
     binding = numba_binding(np.float64, False)
-    formulas: list[Any] = [q.formula for q in peak_quantities()[1:]]  # the loop itself raises the thickness
-    sources: dict[Any, None] = dict.fromkeys([column_peaks, *map(inspect.getmodule, formulas)])
-    chain = binding.chain(column_peaks.raise_peaks, formulas, 1)
-    return binding.kernels(spreading, sources=tuple(sources), raise_peaks=chain)
+    formulas: list[Any] = [q.formula for q in peak_quantities()]
+    sources: dict[Any, None] = dict.fromkeys([column_peaks, column_shares, *map(inspect.getmodule, formulas)])
+    peaks = binding.chain(column_peaks.raise_peaks, formulas[1:], 1)  # the loop itself raises the thickness
+    shares = binding.chain(column_shares.least_share, formulas)
+    return binding.kernels(spreading, sources=tuple(sources), raise_peaks=peaks, least_share=shares)
 
 
 def loop(name: str, cells: int, *arguments: Any) -> None:

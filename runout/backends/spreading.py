@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.column_peaks import raise_peaks
+from runout.backends.column_shares import least_share
 from runout.physics.flow_columns import column_speed, time_of_passing
 from runout.physics.numerical_scales import covered_part, depth_count, depth_scales, extent_count, extent_parts, flowing_part
 
@@ -235,13 +236,13 @@ def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, sha
 
 def take_peaks(
     volume: Any, flowing: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any,
-    peaks: Any, arrival: Any,
+    peaks: Any, arrival: Any, limits: Any, shares: Any,
 ):  # fmt: skip
     """Raise the ``peaks`` (quantities, rows, columns) to those of a window of columns, from ``corner`` on; thickness is the first.
 
     ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Peaks
     are those of the ``flowing`` volume. Cells of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival``
-    at which the thickness passed it.
+    at which the thickness passed it. ``shares`` (conditions, rows, columns) are raised to those of the thresholds ``limits``.
     """
     for i in prange(volume.shape[0]):
         r = corner[0] + i
@@ -253,6 +254,9 @@ def take_peaks(
                 peaks[0, r, c] = depth
             if depth >= threshold and depth > 0.0:
                 speed = column_speed(mass[i, j], momentum[0, i, j], momentum[1, i, j], momentum[2, i, j])
-                raise_peaks(peaks, r, c, depth, speed, mass[i, j] / volume[i, j])
+                density = mass[i, j] / volume[i, j]
+                raise_peaks(peaks, r, c, depth, speed, density)
+                for k in range(limits.shape[0]):
+                    shares[k, r, c] = max(shares[k, r, c], least_share(limits, k, depth, speed, density))
                 if np.isnan(arrival[r, c]):
                     arrival[r, c] = time_of_passing(threshold, min(before, threshold), depth, times[0], times[1])

@@ -48,11 +48,19 @@ def _part(q: MapQuantity) -> tuple[Any, Any]:
     return limit(q) | None, quantity(f"at least this {q.extreme}", None, unit=q.units, hint=q.hint)
 
 
+def require_numbers(thresholds: Settings) -> None:
+    """Refuse a threshold that is named and has no number: without it the others would count alone."""
+    for name in sorted(thresholds.model_fields_set):
+        if getattr(thresholds, name) is None:
+            raise refuse("a threshold without a number", "state the number, or remove the key", name)
+
+
 class _JointSettings(Settings):
-    """Thresholds of two or more quantities that the maxima of a member reach together."""
+    """Thresholds of two or more quantities that a member reaches together."""
 
     @model_validator(mode="after")
     def _several(self) -> "_JointSettings":
+        require_numbers(self)
         thresholds = list(self.model_dump(exclude_none=True))
         if len(thresholds) < 2:
             said = f"only {thresholds[0]} has a threshold" if thresholds else "no quantity has a threshold"
@@ -78,7 +86,7 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
 
     joint: Annotated[list[JointSettings], AfterValidator(_distinct)] | None = quantity(  # type: ignore[valid-type]
         "list of joint conditions, each with thresholds of two or more quantities: probability that a member reaches all of them, "
-        "thickness and speed at one time, the maxima of others each at its own time",
+        "those of the flow at one time",
         None,
         min_length=1,
         examples=[[{"thickness": 1.0, "speed": 1.0}]],
@@ -101,6 +109,11 @@ class HazardSettings(_Thresholds):  # type: ignore[misc]
     formats: Literal["all", "netcdf"] = quantity(
         "files of the maps: all, or netcdf for hazard.nc and members.nc alone, without rasters, outlines, project and report", "all"
     )
+
+
+def stated_conditions(hazard: Any) -> list[dict[str, float]]:
+    """Joint conditions in the settings ``hazard`` of a site."""
+    return [{name: limit for name, limit in dict(one).items() if limit is not None} for one in hazard.joint or ()]
 
 
 def written_alone(site: Any) -> bool:

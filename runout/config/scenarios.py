@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from runout.config.distributions import Distribution, Settings, limited, quantity, refuse
+from runout.config.distributions import Distribution, Normal, Settings, limited, quantity, refuse
 from runout.config.friction import OF_RELEASE
 from runout.config.material import sampled_parameters
 from runout.config.wording import choice_fix
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from runout.config.schema import SiteSettings
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+VOLUME = "release_volume_factor"
 FAILS = "fails"  # of a release, as RELEASE.fails: 1 in the members in which it fails, 0 in the others
 RATES = ("return_period", "annual_rate", "exceedance_return_period", "power_law")
 LONGEST_PERIOD, HIGHEST_RATE = 1e7, 1e3  # [a], [1/a]
@@ -187,6 +188,16 @@ def _of_relations(scenarios: Sequence[ScenarioSettings]) -> Iterator[tuple[int, 
             message = f"{one.exceedance_return_period:g} a is not longer than that of scenario {before.name} before it"
             fix = "list the classes of the same releases from the most frequent to the rarest"
             yield k, ("exceedance_return_period",), message, fix
+        elif before and _has_smaller(one, before):
+            message = f"it has volumes below the largest of scenario {before.name}, whose events are more frequent"
+            yield k, ("parameters", VOLUME), message, "let each class begin where the one before it ends"
+
+
+def _has_smaller(scenario: ScenarioSettings, before: ScenarioSettings) -> bool:
+    """Whether a scenario has volumes below the largest of another one, of two that state volumes with ends."""
+    own, other = (one.parameters.get(VOLUME) for one in (scenario, before))
+    stated = own is not None and other is not None and not any(isinstance(one, Normal) for one in (own, other))
+    return stated and own.support()[0] < other.support()[1]  # type: ignore[union-attr]
 
 
 def _high(law: PowerLaw) -> float:
@@ -199,7 +210,7 @@ def volume_conflicts(scenario: ScenarioSettings, common: Mapping[str, Any], volu
     released = sum(volume for name, volume in volumes.items() if not scenario.releases or name in scenario.releases)
     if law is None or released == 0.0:
         return
-    factor = {**common, **scenario.parameters}.get("release_volume_factor")
+    factor = {**common, **scenario.parameters}.get(VOLUME)
     low, high = (released * end for end in (factor.support() if factor else (1.0, 1.0)))
     if low < 0.999 * law.low or high > 1.001 * _high(law):
         yield (

@@ -4,8 +4,8 @@ A class has criteria, of which any suffices; a criterion has thresholds that the
 class that it reaches at a rate of 1/T or more, for each return period T. Each value states how its source was checked.
 """
 
-from collections.abc import Iterator, Mapping
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,13 +13,13 @@ from pydantic import AfterValidator, Field, ValidationError, create_model, model
 
 from runout.config.distributions import Settings, quantity, refuse
 from runout.config.document import Document, Location, read_document
-from runout.config.hazard import limit, rising
+from runout.config.hazard import limit, require_numbers, rising
 from runout.config.problems import problems_of
 from runout.config.quantities import Text
 from runout.config.wording import choice_fix, shown
 from runout.errors import ConfigError, Problem
+from runout.model.joint_conditions import Key, flow_part, is_bounded
 from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES
-from runout.quantities.thickness_and_speed import at_one_time
 from runout.variables import VARIABLES
 
 FOLDER = Path(__file__).parents[1] / "schemes"
@@ -60,6 +60,7 @@ class _Criterion(Settings):
 
     @model_validator(mode="after")
     def _one_kind(self) -> "_Criterion":
+        require_numbers(self)
         keys = list(self.model_dump(exclude_none=True))
         if not keys:
             raise refuse("a criterion without thresholds", f"write reached: true, or thresholds of {', '.join(ALL_QUANTITIES)}")
@@ -72,17 +73,6 @@ class _Criterion(Settings):
         """Thresholds by the name of the quantity."""
         return self.model_dump(exclude_none=True, exclude={"reached", "house_strength"})
 
-    @property
-    def at_once(self) -> bool:
-        """Whether its thresholds are compared exactly at one time, and not bounded by maxima of different times."""
-        both = self.thresholds.keys() == {"thickness", "speed"} and len(set(self.thresholds.values())) == 1
-        return self.house_strength is None and (len(self.thresholds) < 2 or both)
-
-    @property
-    def mapped(self) -> dict[str, float]:
-        """Thresholds by the name of the quantity whose map of a member decides."""
-        return at_one_time(self.thresholds)
-
     def within(self, other: "_Criterion") -> bool:
         """Whether whatever meets this criterion meets the other one too."""
         if other.reached:
@@ -93,19 +83,24 @@ class _Criterion(Settings):
         return all(name in own and own[name] >= least for name, least in other.thresholds.items())
 
     def __str__(self) -> str:
+        if self.reached:
+            return "reached"
         if self.house_strength:
             strength = self.house_strength
             return f"pressure above {strength.force / 1e3:g} / (H ({strength.height:g} - H)) kPa at a thickness H in m"
-        parts = [f"{ALL_QUANTITIES[name].extreme} of {_printed(name, least)} or more" for name, least in self.thresholds.items()]
-        at_once = " at one time" if len(parts) > 1 and self.at_once else ""
-        return " and ".join(parts).replace("maximum ", "") + at_once or "reached"
+        thresholds, flow = self.thresholds, flow_part(self.thresholds)
+        parts = [f"{ALL_QUANTITIES[name].words} of {_printed(name, least)} or more" for name, least in (flow | thresholds).items()]
+        parts[len(flow) - 1] += " at one time" if flow else ""
+        return " and ".join(parts)
 
 
 def _compared(criterion: "_Criterion") -> str:
-    """How a criterion is compared that has no map of one time."""
-    if {"thickness", "speed"} <= criterion.thresholds.keys():
-        return "thickness and speed at one time are bounded by the maxima of both, of the smaller of both, and of their products"
-    return "maxima of different times are compared"
+    """How a criterion is compared whose thresholds members do not record at one time."""
+    if criterion.house_strength:
+        return "the largest pressure is compared with the strength at the largest thickness"
+    by = "thickness and speed are bounded by the maxima of both, of the smaller of both, and of their products"
+    used = by if {"thickness", "speed"} <= criterion.thresholds.keys() else "maxima of different times are compared"
+    return f"members ran without this criterion and do not record it, so that {used}"
 
 
 def _printed(name: str, least: float) -> str:
@@ -197,13 +192,21 @@ class DangerScheme(Settings):
         parts: list[Any] = [*self.classes, *self.levels, *filter(None, (self.return_periods, self.risk, self.matrix))]
         return [state for state in CHECKED if state in {part.checked for part in parts}]
 
-    def remarks(self, has_bed: bool) -> list[str]:
-        """Sentences on how criteria were compared, where that is not as the scheme asks for."""
+    @property
+    def conditions(self) -> list[dict[str, float]]:
+        """Thresholds of each criterion that has two or more."""
+        return [criterion.thresholds for one in self.classes for criterion in one.when if len(criterion.thresholds) > 1]
+
+    def remarks(self, has_bed: bool, places: Mapping[Key, int]) -> list[str]:
+        """Sentences on how criteria were compared, where that is not as the scheme asks for.
+
+        ``places`` are those of the conditions that members record at one time.
+        """
         criteria = [(one.name, criterion) for one in self.classes for criterion in one.when]
         texts = [
             f"Class {name} ({criterion}): {_compared(criterion)}; its area is too large rather than too small."
             for name, criterion in criteria
-            if not criterion.at_once
+            if criterion.house_strength or is_bounded(criterion.thresholds, places)
         ]
         of_bed = sorted({name for _, criterion in criteria for name in criterion.thresholds if name in BED_QUANTITIES})
         if of_bed and not has_bed:
@@ -334,3 +337,20 @@ def _of_matrix(scheme: DangerScheme, periods: int) -> Iterator[tuple[Location, s
         for k, level in enumerate(row):
             if level not in levels:
                 yield (*place, k), f"{level!r} is none of the levels", choice_fix(level, levels)
+    if all(level in levels for row in rows.values() for level in row):
+        yield from _of_order(scheme, rows, levels)
+
+
+def _of_order(scheme: DangerScheme, rows: Mapping[str, list[str]], levels: Sequence[str]) -> Iterator[tuple[Location, str, str]]:
+    """Cells of the matrix with more danger from rarer events, or less danger from a stronger class."""
+    weaker: list[int] = []
+    for one in scheme.classes:
+        row = [levels.index(level) for level in rows.get(one.name, ())]
+        place: Location = ("matrix", "rows", one.name)
+        after = [*row, levels.index(scheme.beyond)] if scheme.beyond in levels and row else row
+        if any(b > a for a, b in pairwise(after)):
+            yield place, "rarer events have a higher level than more frequent ones", "list the shortest return period first"
+        if any(b < a for a, b in zip(weaker, row, strict=False)):
+            message = f"class {one.name!r} has a lower level than a weaker class"
+            yield place, message, "list levels from the lowest and classes from the weakest, and check the row"
+        weaker = row

@@ -2,18 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.config import member_arguments as of_members
 from runout.config.friction import SiteFriction
+from runout.config.hazard import stated_conditions
 from runout.config.overrides import on_device
 from runout.config.read import load, site_file
 from runout.config.release_laws import OwnLaws, laws_of
 from runout.config.schema import SiteSettings
+from runout.config.scheme import read_scheme
 from runout.config.site_files import SiteFiles, may_hold_bodies
 from runout.config.structures import COMPUTED_WITHOUT
 from runout.model.erosion_laws import EROSIONS
+from runout.model.joint_conditions import to_record
 from runout.model.laws import LAWS
 
 if TYPE_CHECKING:
@@ -164,7 +168,17 @@ class Site:
             Sampled parameters by the names and in the units of site.yaml. A whole row of the table of members is
             accepted: ``seed`` becomes the seed; ``weight``, ``annual_rate``, ``scenario`` and ``file`` are left out.
         """
-        return of_members.member_arguments(self.settings, self.data(), sample)
+        joint = {"joint_conditions": self.joint_conditions} if self.joint_conditions else {}
+        return of_members.member_arguments(self.settings, self.data(), sample) | joint
+
+    @cached_property
+    def joint_conditions(self) -> list[dict[str, float]]:
+        """Thresholds that members record at one time: those of ``hazard.joint`` and of the scheme that have no map."""
+        hazard = self.settings.hazard
+        if not (hazard.joint or hazard.scheme):
+            return []
+        scheme = read_scheme(hazard.scheme, self.folder).conditions if hazard.scheme else []
+        return to_record([*stated_conditions(hazard), *scheme])
 
     def inputs(self) -> list[Path]:
         """All input files that members depend on with their side files, without site.yaml; public files are downloaded.

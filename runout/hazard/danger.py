@@ -8,7 +8,7 @@ Rates of several sources add up before that (:mod:`runout.hazard.merging`).
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,9 @@ from runout.config.scheme import DangerScheme, read_scheme
 from runout.errors import ConfigError
 from runout.hazard.frequency import Frequencies, annual_exceedance
 from runout.io import netcdf
+from runout.model.joint_conditions import Key, meets
 from runout.palettes import palette_of
+from runout.quantities.thickness_and_speed import at_one_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,12 +46,15 @@ class DangerClasses:
         Thickness from which the flow reaches a cell [m]: the lowest threshold of inundation.
     has_bed : bool
         Whether the members have an erodible bed.
+    places : mapping
+        Bits of the conditions that all members record at one time (:mod:`runout.model.joint_conditions`).
     """
 
     scheme: DangerScheme
     rate: np.ndarray
     arrival_threshold: float
     has_bed: bool = False
+    places: Mapping[Key, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, site: "Site", frequencies: Frequencies | None) -> "DangerClasses | None":
@@ -80,7 +85,8 @@ class DangerClasses:
     def classes(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """Class of each member in each cell: 0 where it meets no criterion, else the place of the class from 1 on.
 
-        ``values`` are maps by the names of the quantities, all of one shape; a quantity without a map counts as 0.
+        ``values`` are maps by the names of the quantities, all of one shape; a quantity without a map counts as 0. Conditions with
+        ``places`` need the map of these.
         """
         classes = np.zeros(values["thickness"].shape, np.uint8)
         for number, one in enumerate(self.scheme.classes, 1):
@@ -91,10 +97,7 @@ class DangerClasses:
     def _met(self, criterion: Any, values: Mapping[str, np.ndarray]) -> np.ndarray:
         if criterion.house_strength:
             return _breaks_house(values["pressure"], values["thickness"], criterion.house_strength)
-        met = np.ones(values["thickness"].shape, bool)
-        for name, least in ({"thickness": self.arrival_threshold} if criterion.reached else criterion.mapped).items():
-            met &= values[name] >= np.float32(least) if name in values else False
-        return met
+        return meets({"thickness": self.arrival_threshold} if criterion.reached else criterion.thresholds, values, self.places)
 
     def at_periods(self, classes: np.ndarray, members: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
         """Maps by name from the classes (members, ...): class at each return period (periods, ...), and level of danger (...).
@@ -120,7 +123,7 @@ class DangerClasses:
         colours = palette_of(INTENSITY).hexadecimal(len(scheme.classes))
         return scheme.model_dump(include={"title", "process", "does_not_say", "source", "beyond", "matrix", "risk"}) | {
             "return_periods": {"years": scheme.years, "checked": periods.checked if periods else ""},
-            "remarks": scheme.remarks(self.has_bed),
+            "remarks": scheme.remarks(self.has_bed, self.places),
             "classes": [
                 _entry(number, one.name, colour, one.checked, "; ".join(filter(None, (" or ".join(map(str, one.when)), one.note))))
                 for number, (one, colour) in enumerate(zip(scheme.classes, colours, strict=True), 1)
@@ -207,7 +210,9 @@ def label(entry: Mapping[str, Any]) -> str:
 
 
 def _maps_of(criterion: Any) -> Sequence[str]:
-    return ("pressure", "thickness") if criterion.house_strength else tuple(criterion.mapped)
+    if criterion.house_strength:
+        return "pressure", "thickness"
+    return tuple(at_one_time(criterion.thresholds) | criterion.thresholds)
 
 
 def _breaks_house(pressure: np.ndarray, thickness: np.ndarray, strength: Any) -> np.ndarray:

@@ -6,8 +6,9 @@ then the statistics of each tile are made of the values of all members. Where no
 
 import math
 import mmap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +18,13 @@ from numpy.typing import DTypeLike
 from runout.errors import StorageError
 from runout.hazard.danger import INTENSITY, LEVEL, RATE, DangerClasses
 from runout.hazard.frequency import Frequencies, annual_exceedance, at_return_period
-from runout.hazard.joint import Condition, conditions_of, require_conditions, with_conditions
+from runout.hazard.joint import NOWHERE, conditions_of, recorded_places, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
 from runout.hazard.sampling import Estimator, Strata, evenness, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
+from runout.model.joint_conditions import Condition, Key, meets
 from runout.quantities import (
     ALL_QUANTITIES,
     ARRIVAL,
@@ -30,6 +32,7 @@ from runout.quantities import (
     CHANGE,
     CHANGE_PERCENTILE,
     FIRST_ARRIVAL,
+    MET,
     QUANTITIES,
     MapQuantity,
 )
@@ -73,7 +76,7 @@ def aggregate(
     folder: Path | None = None,
     each: Callable[[int, MemberMaps], None] | None = None,
 ) -> "xr.Dataset":
-    """Hazard maps of the members' files, on their raster; every file is opened once.
+    """Hazard maps of the members' files, on their raster; every file is opened once, and before where members record conditions.
 
     Memory is bounded by ``memory_bytes``, the caches of an open file (8 MiB a map) and the maps, whose zeros take none.
     Probability is the summed weight of the members whose maximum reaches the threshold, with the standard error of
@@ -94,8 +97,8 @@ def aggregate(
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.
     joint : sequence of mapping of str to float
-        Thresholds by quantity that a member has to reach together: thickness and speed at one time as
-        :func:`runout.quantities.thickness_and_speed.at_one_time` bounds it, the maxima of others each at its own time.
+        Thresholds by quantity that a member has to reach together, those of the flow at one time. Where members do not record a
+        condition, :func:`runout.quantities.thickness_and_speed.at_one_time` bounds it, and the words of the condition tell.
     estimator : Estimator
         Estimator of the standard errors. Its blocks need members of equal weights in the order of the net.
     frequencies : Frequencies, optional
@@ -125,20 +128,25 @@ def aggregate(
     if len(thresholds.get("thickness", ())) == 0:
         raise ValueError("no threshold of the flow thickness is given; inundation needs one, for example 0.1 m")
     w = normalised(weights, len(members))
+    places = recorded_places(members, [*joint, *(danger.scheme.conditions if danger else ())])
+    danger = replace(danger, places=places) if danger else None
     side = _side(w, memory_bytes)
     with ExitStack() as stack:
         for number, path in enumerate(members):
             with MemberMaps(path) as member:
                 if number == 0:
                     quantities = _quantities_of(member, thresholds, joint)
-                    names = list(dict.fromkeys((*(quantity.member_map for quantity in quantities.values()), ARRIVAL)))
-                    per_cell = _BYTES_PER_CELL * max(1.0, (len(quantities) + 1) / len(MEMBER_MAPS))
+                    others = (ARRIVAL, *((MET,) if places else ()))
+                    names = list(dict.fromkeys((*(quantity.member_map for quantity in quantities.values()), *others)))
+                    layers = len(quantities) + len(others)
+                    per_cell = _BYTES_PER_CELL * max(1.0, layers / len(MEMBER_MAPS))
                     place = folder or Path(path).parent
-                    store = stack.enter_context(TileStore(place, len(quantities) + 1, side**2, memory_bytes // 4))
-                    empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
+                    store = stack.enter_context(TileStore(place, layers, side**2, memory_bytes // 4))
+                    empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities, places)
                     if frequencies is not None:
                         empty = with_annual_maps(empty, return_periods, quantities)
-                    maps = _Maps(empty if danger is None else danger.add_to(empty), w, store, side, estimator, frequencies, danger)
+                    empty = danger.add_to(empty) if danger else empty
+                    maps = _Maps(empty, w, store, side, estimator, frequencies, danger, places)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
@@ -186,7 +194,7 @@ class _Maps:
     weights : ndarray (members,)
         Weights of the members; their sum is 1.
     store : TileStore
-        Values of the quantities in the order of the table, then of the arrival.
+        Values of the quantities in the order of the table, then of the arrival, then of the conditions that members record.
     side : int
         Cells along a side of a tile.
     estimator : Estimator or Strata
@@ -195,13 +203,15 @@ class _Maps:
         Annual rates of the members.
     danger : DangerClasses, optional
         Classes of intensity and levels of danger.
+    places : mapping
+        Bits of the conditions that members record.
     """
 
     def __init__(
         self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator | Strata,
-        frequencies: Frequencies | None = None, danger: DangerClasses | None = None,
+        frequencies: Frequencies | None = None, danger: DangerClasses | None = None, places: Mapping[Key, int] = NOWHERE,
     ):  # fmt: skip
-        self.frequencies = frequencies
+        self.frequencies, self.places = frequencies, places
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
         self.danger = danger
         self.joint = conditions_of(dataset)
@@ -230,7 +240,8 @@ class _Maps:
         for quantity, layer in zip(self.quantities.values(), layers, strict=True):
             if np.isnan(layer.min()):
                 self.maps[quantity.peak][place][np.isnan(layer)] = np.nan
-        rows, columns, values = reached_tiles([*layers, block.maps[ARRIVAL]], self.side)
+        met = [np.nan_to_num(block.maps[MET])] if self.places else []
+        rows, columns, values = reached_tiles([*layers, block.maps[ARRIVAL], *met], self.side)
         if len(rows):
             numbers = (block.rows.start // self.side + rows) * self.across + block.columns.start // self.side + columns
             self.store.add(member, numbers, values)
@@ -245,8 +256,7 @@ class _Maps:
         if CHANGE_PERCENTILE in self.maps:
             self._put_change(tile, members)
         if self.danger:
-            asked = [(k, name) for k, name in enumerate(self.quantities) if name in self.danger.quantities]
-            for name, layers in self.danger.tile({name: self.store.values_of(tile, k) for k, name in asked}, members):
+            for name, layers in self.danger.tile(self._values(tile, self.danger.quantities), members):
                 self._put(tile, name, layers)
         arrival = self.store.values_of(tile, len(self.quantities))
         arrival[np.isnan(arrival)] = np.inf
@@ -320,10 +330,7 @@ class _Maps:
 
     def _put_joint(self, tile: int, condition: Condition, index: int, members: np.ndarray) -> None:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
-        places = {name: k for k, name in enumerate(self.quantities)}
-        met = np.ones((self.side**2, len(members)), bool)
-        for name, limit in at_one_time(condition).items():
-            met &= self.store.values_of(tile, places[name]) >= np.float32(limit)
+        met = meets(condition, self._values(tile, at_one_time(condition) | dict(condition)), self.places)
         unsorted, one = met.astype(np.float32), np.ones(1, np.float32)
         spread = self.estimator.spread(unsorted, members, len(self.weights), one)
         self._deviate("joint_exceedance_standard_error", index, unsorted, members)
@@ -332,6 +339,12 @@ class _Maps:
             self._put(tile, "joint_annual_exceedance", rate, index)
         values = CellValues(unsorted, members, self.weights)
         self._put_exceedance(tile, "joint", index, values, one[0], None if spread is None else spread[0])
+
+    def _values(self, tile: int, names: Collection[str]) -> dict[str, np.ndarray]:
+        """Values (cells, members) of some quantities in a tile, of those that have a map, and of recorded conditions."""
+        places = {name: k for k, name in enumerate(self.quantities) if name in names}
+        met = {MET: len(self.quantities) + 1} if self.places else {}
+        return {name: self.store.values_of(tile, k) for name, k in (places | met).items()}
 
     def _put_exceedance(
         self, tile: int, name: str, index: int, values: CellValues, limit: np.floating, spread: np.ndarray | None
@@ -410,6 +423,7 @@ def empty_maps(
     joint: Sequence[Condition],
     weights: np.ndarray,
     quantities: Mapping[str, MapQuantity] = QUANTITIES,
+    places: Mapping[Key, int] = NOWHERE,
 ) -> "xr.Dataset":
     """All maps of ``quantities`` at zero, and no arrival, on the raster of ``dataset``, which has nothing but its place.
 
@@ -418,7 +432,7 @@ def empty_maps(
     shape = (dataset.sizes["y"], dataset.sizes["x"])
     dataset = dataset.assign_coords(percentile=np.unique(np.asarray(percentiles, np.float64)))
     dimensions = {"joint": "joint"} if joint else {}
-    dataset = with_conditions(dataset, joint) if joint else dataset
+    dataset = with_conditions(dataset, joint, places) if joint else dataset
     for name, quantity in quantities.items():
         for product in filter(None, (quantity.peak, *quantity.means)):
             netcdf.add_map(dataset, product, zeros_by_page(shape, np.float32))

@@ -1,25 +1,35 @@
-"""Joint conditions: thresholds of several quantities that a member reaches together.
-
-Thickness and speed count at one time (:func:`runout.quantities.thickness_and_speed.at_one_time`), maxima of others at any time.
-"""
+"""Joint conditions of an ensemble: which of them its members record at one time, and the dimension of their maps."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.io import netcdf
+from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, flow_part, is_bounded, places_in, to_record
 from runout.quantities import ALL_QUANTITIES
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Condition = Mapping[str, float]  # smallest values by the name of the quantity
+NOWHERE: Mapping[Key, int] = {}
+BOUNDED = "; only bounded, so that the area is too large rather than too small: members do not record it"
 
 
-def stated_conditions(hazard: Any) -> list[dict[str, float]]:
-    """Joint conditions in the settings ``hazard`` of a site."""
-    return [{name: limit for name, limit in dict(one).items() if limit is not None} for one in hazard.joint or ()]
+def recorded_places(files: Sequence[Path], conditions: Sequence[Condition]) -> dict[Key, int]:
+    """Bits of the conditions in the map of conditions that are met at one time, of those that all members record.
+
+    No file is read if none of the ``conditions`` needs a record. Raises StorageError if a file cannot be read.
+    """
+    if not to_record(conditions):
+        return {}
+    recorded: set[tuple[Key, int]] | None = None
+    for path in files:
+        of_file = set(places_in(str(netcdf.read_attributes(path).get(ATTRIBUTE, "[]"))).items())
+        recorded = of_file if recorded is None else recorded & of_file
+    return dict(recorded or ())
 
 
 def require_conditions(conditions: Sequence[Condition]) -> None:
@@ -30,17 +40,19 @@ def require_conditions(conditions: Sequence[Condition]) -> None:
             raise ValueError(f"joint condition {dict(condition)}: positive thresholds of two or more of {known} are needed")
 
 
-def in_words(condition: Condition) -> str:
-    """A condition as text, such as "maximum flow thickness >= 1 m and maximum flow speed >= 1 m s-1"."""
-    return " and ".join(
-        f"{ALL_QUANTITIES[name].extreme} >= {limit:g} {ALL_QUANTITIES[name].units}" for name, limit in condition.items()
-    )
+def in_words(condition: Condition, places: Mapping[Key, int]) -> str:
+    """A condition as text, such as "flow thickness >= 1 m and flow speed >= 1 m s-1 at one time"; whether it is only bounded."""
+    flow = flow_part(condition)
+    thresholds = [(ALL_QUANTITIES[name], limit) for name, limit in (flow | dict(condition)).items()]
+    parts = [f"{quantity.words} >= {limit:g} {quantity.units}" for quantity, limit in thresholds]
+    parts[len(flow) - 1] += " at one time" if flow else ""
+    return " and ".join(parts) + (BOUNDED if is_bounded(condition, places) else "")
 
 
-def with_conditions(dataset: "xr.Dataset", conditions: Sequence[Condition]) -> "xr.Dataset":
+def with_conditions(dataset: "xr.Dataset", conditions: Sequence[Condition], places: Mapping[Key, int] = NOWHERE) -> "xr.Dataset":
     """The dataset with the dimension ``joint``: numbers from 1 on, words and thresholds of the conditions."""
     coordinates: dict[str, Any] = {"joint": np.arange(1, len(conditions) + 1, dtype=np.int32)}
-    coordinates["joint_condition"] = ("joint", np.array([in_words(condition) for condition in conditions], dtype=object))
+    coordinates["joint_condition"] = ("joint", np.array([in_words(condition, places) for condition in conditions], dtype=object))
     for name, quantity in ALL_QUANTITIES.items():
         limits = np.array([condition.get(name, np.nan) for condition in conditions])
         if np.isfinite(limits).any():

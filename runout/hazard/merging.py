@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -128,7 +128,7 @@ def write_merged(products: Sequence[Path], folder: Path, title: str = "Several s
         LOGGER.info("nothing to do: %s is up to date", folder / MERGED)
         return unchanged
     (folder / RECORD).unlink(missing_ok=True)
-    grids = {name: Grid.of(read_product(path)) for name, path in sources.items()}
+    grids = {name: Grid.of(read_product(path, NEEDED)) for name, path in sources.items()}
     _require_one_system(grids, sources)
     grid = Grid.around(list(grids.values()))
     resampled = [name for name, one in grids.items() if grid.offset(one) is None]
@@ -137,8 +137,7 @@ def write_merged(products: Sequence[Path], folder: Path, title: str = "Several s
         LOGGER.warning("%s", sentence)
     merged = _merged(sources, grid, title)
     merged.attrs |= {"changes_of_inputs": sentence} if resampled else {}
-    paths = [_write(merged, sources, grid, folder / MERGED)]
-    paths += [*_write_rasters(merged, folder / MAPS), *_write_sources(sources, grid, merged, folder / MAPS)]
+    paths = [*_write(merged, sources, grid, folder), *_write_rasters(merged, folder / MAPS)]
     files = {path.relative_to(folder).as_posix(): one.stored() for path, one in fingerprints(paths).items()}
     write_json({"key": key, "files": files}, folder / RECORD)
     return paths
@@ -162,13 +161,17 @@ def product_of(path: Path) -> Path:
     return next((one for one in (folder / "hazard.nc", folder / "results" / "hazard.nc") if one.is_file()), folder / "hazard.nc")
 
 
-def read_product(path: Path) -> "xr.Dataset":
-    """Hazard maps of a file; InputError if there is none, StorageError if it cannot be read or holds no hazard maps."""
+def read_product(path: Path, names: Sequence[str] = ()) -> "xr.Dataset":
+    """Hazard maps of a file, all or some; InputError if there is no file, StorageError if it holds no hazard maps."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; `runout run` makes it")
-    maps = netcdf.read(path)
+    other = StorageError(f"{path}: holds no hazard maps of a site; name the hazard.nc of its results")
+    try:
+        maps = netcdf.read(path, names=names)
+    except StorageError as error:
+        raise (other if isinstance(error.__cause__, KeyError) else error) from error.__cause__
     if not all(name in maps and maps[name].dims == netcdf.MAP_DIMS and min(maps[name].shape) > 1 for name in NEEDED):
-        raise StorageError(f"{path}: holds no hazard maps of a site; name the hazard.nc of its results")
+        raise other
     return maps
 
 
@@ -275,9 +278,10 @@ def _merged(sources: Mapping[str, Path], grid: Grid, title: str) -> "xr.Dataset"
     """Merged maps on a grid; NaN where no site has a value."""
     paths = list(sources.values())
     first = read_product(paths[0])
-    joined = _Joined(grid, first)
+    joined, remarks = _Joined(grid, first), dict[str, None]()
     for number, path in enumerate(paths, 1):
         maps = read_product(path)
+        remarks |= dict.fromkeys((scheme_record(maps) or {}).get("remarks", ()))
         _require_thresholds(first, maps, path)
         _require_scheme(first, maps, path)
         joined.take(number, maps)
@@ -287,14 +291,12 @@ def _merged(sources: Mapping[str, Path], grid: Grid, title: str) -> "xr.Dataset"
         dataset = dataset.assign_coords({dim: first[dim] for dim in dims if dim not in dataset.coords})
         netcdf.add_map(dataset, name, values, dims)
         dataset[name].attrs |= {"comment": f"over the sources: {words}"} if words else {}
-    return _with_danger(dataset, first)
-
-
-def _with_danger(dataset: "xr.Dataset", first: "xr.Dataset") -> "xr.Dataset":
-    """The merged maps with classes and levels of danger, if they have the annual rates of the classes."""
     record = scheme_record(first)
-    if RATE not in dataset or record is None:
-        return dataset
+    return _with_danger(dataset, record | {"remarks": list(remarks)}) if record and RATE in dataset else dataset
+
+
+def _with_danger(dataset: "xr.Dataset", record: Mapping[str, Any]) -> "xr.Dataset":
+    """The merged maps with classes and levels of danger by the record of a scheme, from the annual rates of the classes."""
     rates = dataset[RATE].copy()
     unknown = ~np.isfinite(rates.values).all(axis=0)
     dataset = with_classes(dataset, record)
@@ -333,34 +335,39 @@ def _dataset(grid: Grid, elevation: np.ndarray, sources: Mapping[str, Path], tit
     return dataset.assign_coords(source=numbers, source_name=("source", np.array(list(sources), dtype=object)))
 
 
-def _write(merged: "xr.Dataset", sources: Mapping[str, Path], grid: Grid, path: Path) -> Path:
-    """Write ``merged.nc``; the probability of each source is appended one by one, so that memory does not grow with the sources."""
+def _write(merged: "xr.Dataset", sources: Mapping[str, Path], grid: Grid, folder: Path) -> list[Path]:
+    """Write ``merged.nc`` and a GeoTIFF of the probability of each source.
+
+    The probabilities are read and written one by one, so that memory does not grow with the sources.
+    """
     import netCDF4
 
     from runout.io.atomic import whole_file
     from runout.io.map_layers import add_layers, put
     from runout.variables import VARIABLES
 
-    path.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths, one = [path := folder / MERGED], merged[[PROBABILITY, *(["crs"] if "crs" in merged.variables else [])]].copy(deep=True)
     with netcdf.LOCK, whole_file(path) as temporary:
         netcdf.write(merged, temporary)
         with netcdf.writing(path), netCDF4.Dataset(temporary, "a") as file:
             mapped = {"grid_mapping": "crs"} if "crs" in file.variables else {}
             attributes = VARIABLES[BY_SOURCE].attributes() | mapped | {"coordinates": "source_name"}
             layers = add_layers(file, BY_SOURCE, attributes, ("source",))
-            for number, values in enumerate(_probabilities(sources, grid)):
-                put(layers, values, (number,))
-    return path
+            for number, (name, source) in enumerate(sources.items()):
+                one[PROBABILITY].values[...] = _probability(source, grid)
+                put(layers, one[PROBABILITY].values, (number,))
+                paths.append(write_cog(one, PROBABILITY, folder / MAPS / "sources" / f"{name}.tif"))
+    return paths
 
 
-def _probabilities(sources: Mapping[str, Path], grid: Grid) -> Iterator[np.ndarray]:
-    """Probability of inundation (rows, columns) by each source; 0 beyond its site."""
-    for path in sources.values():
-        maps = netcdf.read(path, names=("elevation", PROBABILITY))  # the others were read before
-        place, take = grid.placed(Grid.of(maps))
-        values = np.zeros(grid.shape, np.float32)
-        values[place] = np.nan_to_num(take(maps[PROBABILITY].values))
-        yield values
+def _probability(path: Path, grid: Grid) -> np.ndarray:
+    """Probability of inundation (rows, columns) by a source; 0 beyond its site."""
+    maps = netcdf.read(path, names=("elevation", PROBABILITY))  # the others were read before
+    place, take = grid.placed(Grid.of(maps))
+    values = np.zeros(grid.shape, np.float32)
+    values[place] = np.nan_to_num(take(maps[PROBABILITY].values))
+    return values
 
 
 def _write_rasters(merged: "xr.Dataset", folder: Path) -> list[Path]:
@@ -374,14 +381,4 @@ def _write_rasters(merged: "xr.Dataset", folder: Path) -> list[Path]:
             chosen = {str(dim): float(merged[dim].values[k]) for dim, k in zip(dims[:-2], index, strict=True)}
             stem = "_over_".join([name, *(f"{value:g}" for value in chosen.values())])
             paths.append(write_cog(merged, name, folder / f"{stem}.tif", **chosen))
-    return paths
-
-
-def _write_sources(sources: Mapping[str, Path], grid: Grid, merged: "xr.Dataset", folder: Path) -> list[Path]:
-    """A GeoTIFF of the probability of each source."""
-    paths = []
-    for name, values in zip(sources, _probabilities(sources, grid), strict=True):
-        one = merged[[PROBABILITY, *(["crs"] if "crs" in merged.variables else [])]].copy()
-        one[PROBABILITY] = one[PROBABILITY].copy(data=values)
-        paths.append(write_cog(one, PROBABILITY, folder / "sources" / f"{name}.tif"))
     return paths

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from runout.config.hazard import RETURN_PERIODS
+from runout.config.hazard import RETURN_PERIODS, stated_conditions
 from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
 from runout.errors import ConfigError, PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
@@ -18,7 +18,6 @@ from runout.hazard.boundary import BoundaryMaps
 from runout.hazard.danger import DangerClasses
 from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.frequency import Frequencies
-from runout.hazard.joint import stated_conditions
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
 from runout.hazard.reach import Reach, representative_of

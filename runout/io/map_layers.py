@@ -31,12 +31,21 @@ def add_layers(file: "netCDF4.Dataset", name: str, attributes: Mapping[str, Any]
     )  # fmt: skip
     layers.set_auto_maskandscale(False)
     if name not in UNTIL_ARRIVAL:
-        layers.renameAttribute("_FillValue", "unwritten")
+        rename_attribute(layers, "_FillValue", "unwritten")
         layers.setncattr("missing", dtype.type(missing))
-        layers.renameAttribute("missing", "_FillValue")
+        rename_attribute(layers, "missing", "_FillValue")
         layers.delncattr("unwritten")
     layers.setncatts(dict(attributes))
     return layers
+
+
+def rename_attribute(variable: "netCDF4.Variable", name: str, new_name: str) -> None:
+    """Rename an attribute of a variable.
+
+    The names are bytes: netCDF4 1.7.5 frees the old name, if it has to encode it, before the C library reads it, and another thread
+    may write to its place meanwhile. The library then finds no such attribute, or another one.
+    """
+    variable.renameAttribute(name.encode(), new_name.encode())  # type: ignore[arg-type]
 
 
 def put(layers: "netCDF4.Variable", values: np.ndarray, index: tuple[int, ...] = (), at: tuple[int, int] = (0, 0)) -> None:

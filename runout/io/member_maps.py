@@ -308,7 +308,7 @@ def member_table(path: Path) -> "pd.DataFrame":
     import pandas as pd
     import xarray as xr
 
-    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stack:
+    with LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False) as stack:
         names = [str(n) for n, v in stack.data_vars.items() if v.dims == ("realization",)]
         columns = {name: stack[name].values for name in names}
         return pd.DataFrame(columns, index=pd.Index(stack["realization"].values.astype(int), name="realization"))

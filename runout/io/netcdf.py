@@ -3,8 +3,6 @@
 Global attributes are those of ACDD 1.3; unknown ones are left out.
 """
 
-import gc
-import logging
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__
-from runout.errors import DiskFullError, StorageError
+from runout.errors import StorageError
 from runout.io.atomic import storage_error, whole_file
 from runout.io.grid import crs_as_variable, extent_attributes, grid_dataset
 from runout.io.map_layers import CHUNK, add_layers, put
@@ -26,7 +24,7 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-LOGGER = logging.getLogger(__name__)
+LOCK = threading.RLock()  # the netCDF library is not thread-safe, even for different files
 MAP_DIMS = ("y", "x")
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 STANDARD_NAMES = "CF Standard Name Table v93"
@@ -41,46 +39,6 @@ _NAMES = {  # keys of `metadata` in site.yaml -> attributes
     "references": "references",
     "acknowledgement": "acknowledgement",
 }
-
-
-class LibraryLock:
-    """Lock of the netCDF library, which is not thread-safe, even for different files; whoever has it may take it again.
-
-    While it is held, no thread collects garbage: a collection during a call of the library makes it lose names and attributes
-    of the file that it writes (netCDF4 1.7.5).
-    """
-
-    def __init__(self) -> None:
-        self.lock = threading.RLock()
-        self.depth, self.collects = 0, False
-
-    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        """Take the lock; whether it was taken."""
-        taken = self.lock.acquire(blocking, timeout)
-        if taken:
-            self.depth += 1
-            if self.depth == 1:
-                self.collects = gc.isenabled()
-                gc.disable()
-        return taken
-
-    def release(self) -> None:
-        """Give the lock back."""
-        self.depth -= 1
-        if self.depth == 0 and self.collects:
-            gc.enable()
-        self.lock.release()
-
-    def __enter__(self) -> "LibraryLock":
-        self.acquire()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-
-LOCK = LibraryLock()
-ATTEMPTS = 4  # to write a file: in 1600 members on a GPU the library failed for four or more ("Attribute not found"), once twice
 
 
 def map_dataset(
@@ -160,26 +118,14 @@ def write(dataset: "xr.Dataset", path: str | os.PathLike[str], *, groups: "Mappi
     StorageError
         If the disk is full or the folder cannot be written; an older file stays as it is.
     """
-    for attempt in range(1, ATTEMPTS + 1):
-        try:
-            _write_whole(dataset, path, groups or {})
-            break
-        except StorageError as error:
-            passing = isinstance(error.__cause__, RuntimeError) and not isinstance(error, DiskFullError)
-            if not passing or attempt == ATTEMPTS:
-                raise
-            LOGGER.info("%s: written again, since the netCDF library failed (%s)", path, error.__cause__)
-    return Path(path)
-
-
-def _write_whole(dataset: "xr.Dataset", path: str | os.PathLike[str], groups: "Mapping[str, xr.Dataset]") -> None:
     with LOCK, whole_file(path) as temporary:
         try:
             _write_maps(_write_without_maps(_encoded(dataset), temporary), temporary)
-            for group, content in groups.items():
+            for group, content in (groups or {}).items():
                 _store(_encoded(content), temporary, mode="a", group=group)
         except RuntimeError as cause:  # error of the netCDF library, also on a full disk
             raise storage_error(path, cause) from cause
+    return Path(path)
 
 
 def _write_without_maps(encoded: "xr.Dataset", path: Path) -> "dict[str, xr.DataArray]":

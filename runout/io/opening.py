@@ -280,6 +280,8 @@ def open_netcdf(name: Path | str, error: type[InputError], group: str | None = N
     """
     import xarray as xr
 
+    from runout.io.netcdf import LOCK
+
     path = require_regular(Path(name), error)
     first = b"" if path.is_dir() else header(path)
     if not first.startswith(NETCDF) and b"\x89HDF\r\n\x1a\n" not in first:
@@ -287,11 +289,12 @@ def open_netcdf(name: Path | str, error: type[InputError], group: str | None = N
     require_own_storage(path, error)
     remedy = "check it with `ncdump -h`"
     try:
-        dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False, group=group)
+        with LOCK:
+            dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False, group=group)
     except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as cause:  # of attributes of wrong types, too
         raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
     try:
-        with dataset:
+        with LOCK, dataset:
             yield dataset
     except (OSError, ValueError, RuntimeError) as cause:
         raise error(f"{name}: cannot be read as NetCDF ({cause}); {remedy}") from cause
@@ -302,7 +305,9 @@ def open_groups(name: Path | str) -> Iterator[Any]:
     """Open netCDF4 dataset with all groups of a file that :func:`open_netcdf` has opened before."""
     import netCDF4
 
-    with netCDF4.Dataset(name) as file:
+    from runout.io.netcdf import LOCK
+
+    with LOCK, netCDF4.Dataset(name) as file:
         yield file
 
 

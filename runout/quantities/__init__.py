@@ -13,6 +13,7 @@ from typing import Any
 
 DEPOSIT = "deposit"
 ERODED, CHANGE, SHARE = "eroded_depth", "elevation_change", "bed_share"  # maps at the end of a run with an erodible bed
+MET = "met_at_one_time"  # map of a member: bit k where the flow reached all thresholds of its joint condition k at one time
 INFLOW_MAP = "inflow_thickness"  # of the products of a site with inflows
 ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
 UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives

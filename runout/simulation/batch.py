@@ -145,6 +145,7 @@ class _Job:
             options.pop("end_time"), options.pop("stop", True), options.pop("arrival_threshold", 0.1), times,
             force_interval=options.pop("force_interval", None), snapshot_particles=options.pop("snapshot_particles", 0),
             probes=probes.on(options["terrain"]) if probes else None, bulking=options.pop("bulking", 1.0),
+            joint_conditions=options.pop("joint_conditions", ()),
         )  # fmt: skip
         extents, bed = list[Extent](), options.pop("bed", None)
         if unknown := options.keys() - scene_arguments(options).keys() - Numerics.names():

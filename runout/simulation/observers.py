@@ -9,10 +9,11 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
+from runout.model.joint_conditions import Condition, limits_of, met_map
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Structures
-from runout.quantities import member_map_names, peak_quantities
+from runout.quantities import MET, member_map_names, peak_quantities
 from runout.simulation.structure_forces import StructureForces
 
 THICKNESS = 0  # of the peaks
@@ -32,6 +33,10 @@ class PeakMaps:
     on_lattice : bool
         Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
         over the raster. :meth:`maps` are on the raster.
+    conditions : tuple of mapping
+        Joint conditions (:mod:`runout.model.joint_conditions`).
+    shares : (conditions, rows, columns)
+        Largest share of the thresholds of each condition that was reached at one time [1]; 1 and more: all of them.
     peaks : (quantities, rows, columns)
         Largest values of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
     arrival : (rows, columns)
@@ -45,10 +50,12 @@ class PeakMaps:
     scene: Scene
     arrival_threshold: float  # [m]
     on_lattice: bool = False
+    conditions: tuple[Condition, ...] = ()
     time: float = 0.0  # [s] of the last observation
     observations: int = 0
     cells: int = 0  # cells of all windows that were observed
     peaks: np.ndarray = field(init=False)
+    shares: np.ndarray = field(init=False)
     arrival: np.ndarray = field(init=False)
     thickness: np.ndarray = field(init=False)
     window: np.ndarray = field(init=False)
@@ -57,7 +64,8 @@ class PeakMaps:
         raster = self.scene.raster
         self.cell = footprints.lattice_cell(self.scene) if self.on_lattice else raster.cell_size
         shape = footprints.lattice_shape(raster, self.cell) if self.on_lattice else (raster.rows, raster.columns)
-        self.peaks = np.zeros((len(peak_quantities()), *shape))
+        self.peaks, self.shares = np.zeros((len(peak_quantities()), *shape)), np.zeros((len(self.conditions), *shape))
+        self.limits = limits_of(self.conditions)
         self.thickness, self.arrival = np.zeros(shape), np.full(shape, np.nan)
         self.window = np.zeros(4, np.int64)
 
@@ -70,7 +78,7 @@ class PeakMaps:
         footprints.loop(
             "take_peaks", columns.mass.size, np.ascontiguousarray(columns.volume), np.ascontiguousarray(columns.depth_volume),
             np.ascontiguousarray(columns.mass), momentum, corner, self.cell[0] * self.cell[1], self.arrival_threshold,
-            np.array((self.time, time)), self.thickness, self.peaks, self.arrival,
+            np.array((self.time, time)), self.thickness, self.peaks, self.arrival, self.limits, self.shares,
         )  # fmt: skip
         self.time, self.window = time, window
         self.observations, self.cells = self.observations + 1, self.cells + columns.mass.size
@@ -87,21 +95,24 @@ class PeakMaps:
 
     def maps(self) -> dict[str, np.ndarray]:
         """The maps (rows, columns) by name, on the raster; the largest thickness is at least that of the deposit."""
-        maps = self._on_raster() if self.on_lattice else (*self.peaks, self.arrival, self.thickness)
+        shares, *maps = self._on_raster() if self.on_lattice else (self.shares, *self.peaks, self.arrival, self.thickness)
         thickest, *others, deposit = maps
-        return dict(zip(member_map_names(), (np.maximum(thickest, deposit), *others, deposit), strict=True))
+        names = member_map_names()
+        record = {MET: met_map(shares)} if self.conditions else {}
+        return dict(zip(names, (np.maximum(thickest, deposit), *others, deposit), strict=True)) | record
 
-    def _on_raster(self) -> np.ndarray:
-        """The maps (maps, rows, columns) on the raster: volumes by area, the others as means over the volume that has arrived."""
+    def _on_raster(self) -> tuple[np.ndarray, ...]:
+        """Shares and maps on the raster: volumes by area, the others as means over the volume that has arrived."""
         raster, came = self.scene.raster, np.isfinite(self.arrival)
         weight = np.where(came, self.peaks[THICKNESS], 0.0)
-        others = weight * np.stack([*self.peaks[THICKNESS + 1 :], np.where(came, self.arrival, 0.0)])
+        others = weight * np.stack([*self.peaks[THICKNESS + 1 :], *self.shares, np.where(came, self.arrival, 0.0)])
         sums = np.stack([self.peaks[THICKNESS], self.thickness, weight, *others]) * (self.cell[0] * self.cell[1])
         *_, (thickest, deposit, weight, *others) = footprints.shared_by_area(list(sums), (0, 0), raster, self.cell)
         area = raster.cell_size[0] * raster.cell_size[1]
         reached = (thickest / area >= self.arrival_threshold) & (weight > 0)
-        *peaks, arrival = np.where(reached, np.array(others) / np.maximum(weight, np.finfo(float).tiny), 0.0)
-        return np.array([thickest / area, *peaks, np.where(reached, arrival, np.nan), deposit / area])
+        *means, arrival = np.where(reached, np.array(others) / np.maximum(weight, np.finfo(float).tiny), 0.0)
+        peaks, shares = means[: len(self.peaks) - 1], means[len(self.peaks) - 1 :]
+        return np.array(shares), thickest / area, *peaks, np.where(reached, arrival, np.nan), deposit / area
 
 
 def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.ndarray]:

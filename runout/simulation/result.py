@@ -101,6 +101,7 @@ class Result:
         ``arrival_time`` [s] (missing in cells that the flow does not reach) and ``deposit_thickness`` [m]. Thickness is vertical.
         With an erodible bed also ``eroded_depth`` and ``elevation_change`` [m] (deposit minus release and eroded depth), and
         ``bed_share`` [1], mass of the bed over mass of the deposit (missing without deposit). Cells without elevation are NaN.
+        ``met_at_one_time`` exists with joint conditions only.
         """
         from runout.io.netcdf import map_dataset
 

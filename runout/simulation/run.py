@@ -3,7 +3,7 @@
 import logging
 import math
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from runout.backends.protocol import Backend, BatchBackend, Counters, LedgerRow,
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError
 from runout.model.depth_resolution import DepthResolution, flow_depth
+from runout.model.joint_conditions import ATTRIBUTE, Condition, attribute_of, checked_conditions
 from runout.model.limits import checked
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -65,6 +66,8 @@ class RunControl:
         Points and cross-sections, in local coordinates, at which time series are recorded.
     bulking : float
         Volume of the deposit over that of its mass without stress [1].
+    joint_conditions : sequence of mapping
+        Thresholds by the name of the quantity that are recorded where the flow reaches them at one time.
     """
 
     end_time: float
@@ -77,9 +80,11 @@ class RunControl:
     snapshot_particles: int = 0
     probes: Probes | None = None
     bulking: float = 1.0
+    joint_conditions: Sequence[Condition] = ()
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
+        object.__setattr__(self, "joint_conditions", checked_conditions(self.joint_conditions))
         checked("bulking", self.bulking, error=ConfigError)
         checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
         if self.force_interval is not None and not 0 <= self.force_interval < math.inf:
@@ -102,7 +107,7 @@ class Run:
         self.bed, self.scene, self.entering = bed, bed.scene if bed else scene, entering
         self.windowed = engine if control.crop and isinstance(engine, WindowBackend) else None  # if it looks at the flow alone
         on_lattice = self.windowed is not None and footprints.keep_peaks(scene)
-        self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
+        self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice, tuple(control.joint_conditions))
         probes = control.probes
         self.probes = ProbeRecorder(scene, probes, control.arrival_threshold, on_lattice) if probes else None
         self.ledger, self.rest = Ledger(bed is not None, entering is not None), AtRest()
@@ -202,6 +207,8 @@ class Run:
         if self.control.bulking != 1.0:
             maps[DEPOSIT_MAP] = self.control.bulking * maps[DEPOSIT_MAP]
         start = self.scene.start_attributes()
+        if self.control.joint_conditions:
+            start |= {ATTRIBUTE: attribute_of(self.control.joint_conditions)}
         if self.bed:
             there = self.entering.waiting_thickness if self.entering else 0.0  # is not released
             deposit = self.bed.deposit_mass(self.engine.particles())

@@ -3,7 +3,7 @@
 import logging
 import os
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from runout.backends.protocol import get_backend
@@ -67,6 +67,7 @@ def simulate(
     snapshot_times: Sequence[float] = (),
     snapshot_particles: int = 0,
     force_interval: float | None = None,
+    joint_conditions: Sequence[Mapping[str, float]] = (),
     probes: Probes | None = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -132,6 +133,9 @@ def simulate(
         Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
     force_interval : float, optional
         Least time between two records of the forces on structures [s]; a 200th of ``end_time`` by default, 0 for every step.
+    joint_conditions : sequence of mapping of str to float
+        Thresholds of two or more quantities each, such as ``{"thickness": 1.0, "speed": 2.0}`` in m and m/s; at most 24. The map
+        ``met_at_one_time`` has bit k where the flow reached all thresholds of condition k at one time.
     probes : Probes, optional
         Points and cross-sections, in map coordinates, whose time series :attr:`runout.Result.probes` holds.
     progress : callable, optional
@@ -154,6 +158,7 @@ def simulate(
     control = RunControl(
         end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)), force_interval=force_interval,
         snapshot_particles=snapshot_particles, probes=probes.on(terrain) if probes else None, bulking=bulking,
+        joint_conditions=joint_conditions,
     )  # fmt: skip
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)

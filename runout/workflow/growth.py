@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runout.config.hazard import stated_conditions
 from runout.ensemble.design import member_table
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import EnsembleReport, run_ensemble
 from runout.hazard.exceedance import aggregate, stated_thresholds
-from runout.hazard.joint import stated_conditions
 from runout.hazard.sampling import Estimator
 from runout.io import source_code
 from runout.io.atomic import read_json, write_json

@@ -104,6 +104,13 @@ def test_scenarios_are_read_and_members_have_the_releases_that_fail(with_scenari
             "scenarios[0].parameters.lower.friction_angle_deg: release lower does not fail in this scenario",
         ),
         (["  - {name: a, return_period: 3, members: 0}"], "scenarios[0].members: 0 is out of range"),
+        (
+            [
+                "  - {name: a, exceedance_return_period: 30, parameters: {release_volume_factor: 1.5}}",
+                "  - {name: b, exceedance_return_period: 300, parameters: {release_volume_factor: 0.5}}",
+            ],
+            "scenarios[1].parameters.release_volume_factor: it has volumes below the largest of scenario a",
+        ),
     ],
 )
 def test_contradictions_of_scenarios_are_refused_with_their_place(with_scenarios, lines, said):

@@ -12,6 +12,7 @@ from runout.errors import ConfigError
 from runout.hazard.danger import INTENSITY, LEVEL, DangerClasses
 from runout.hazard.exceedance import aggregate
 from runout.io import netcdf
+from runout.quantities import MET, peak_quantities
 
 PERIODS = (30, 100, 300)
 RISK = "risk:\n  annual: [1.0e-4, 1.0e-5]"
@@ -73,7 +74,7 @@ def test_thickness_and_speed_count_at_one_time_and_not_as_peaks_of_different_tim
     assert danger.classes(values).tolist() == [1]
     values["thickness_and_speed"][:] = 1.0
     assert danger.classes(values).tolist() == [2]
-    assert not danger.scheme.remarks(has_bed=False)
+    assert not danger.scheme.remarks(has_bed=False, places={})
 
 
 def test_unequal_thresholds_are_bounded_by_maxima_of_one_time_and_said_so(tmp_path):
@@ -89,7 +90,22 @@ def test_unequal_thresholds_are_bounded_by_maxima_of_one_time_and_said_so(tmp_pa
             "momentum_flux": max(h * v**2 for h, v in flows),
         }
         assert danger.classes({name: np.array([one], np.float32) for name, one in maxima.items()}).tolist() == [expected]
-    assert "too large rather than too small" in danger.scheme.remarks(has_bed=False)[0]
+    assert "too large rather than too small" in danger.scheme.remarks(has_bed=False, places={})[0]
+
+
+def test_unequal_thresholds_that_members_record_are_exact(tmp_path):
+    """0.8 m at 9 m/s, then 2 m at 1.2 m/s: all bounds of 1 m and 1.5 m/s are passed, the pair never; only the record knows."""
+    text = (read_text("swiss_debris_flow")).replace("{thickness: 1, speed: 1}", "{thickness: 1, speed: 1.5}")
+    danger = DangerClasses(scheme_of(tmp_path, text), np.ones(1), 0.1)
+    flows = [(0.8, 9.0), (2.0, 1.2)]
+    values = {q.name: np.array([max(q.formula(h, v, 2000.0) for h, v in flows)], np.float32) for q in peak_quantities()}
+    assert danger.classes(values).tolist() == [2]
+    places = {(("speed", 1.5), ("thickness", 1.0)): 3}
+    exact = DangerClasses(danger.scheme, np.ones(1), 0.1, places=places)
+    assert exact.classes(values | {MET: np.array([7.0], np.float32)}).tolist() == [1]
+    assert exact.classes(values | {MET: np.array([8.0], np.float32)}).tolist() == [2]
+    assert exact.record()["remarks"] == []
+    assert "flow thickness of 1 m or more and flow speed of 1.5 m/s or more at one time" in exact.record()["classes"][1]["text"]
 
 
 def test_a_house_resists_thin_flows_and_never_counts_too_late():
@@ -133,6 +149,29 @@ MAPS = {"thickness": "max_flow_thickness", "unit_discharge": "max_unit_discharge
 def read_text(name):
     """Text of a scheme of runout."""
     return (FOLDER / f"{name}.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("{thickness: 1, speed: 1}", "{thickness: 1, speed: }", r"own.yaml:13: .*speed: a threshold without a number"),
+        ("{thickness: 1, speed: 1}", "{thickness: 1, speed: null}", r"own.yaml:13: .*speed: a threshold without a number"),
+        (
+            "medium: [blue, blue, yellow]",
+            "medium: [yellow, blue, blue]",
+            r"own.yaml:36: .*medium: rarer events have a higher level",
+        ),
+        (
+            "strong: [red, red, red]",
+            "strong: [red, yellow, residual]",
+            r"own.yaml:37: .*'strong' has a lower level than a weaker class",
+        ),
+        ("beyond: residual", "beyond: red", r"own.yaml:36: .*medium: rarer events have a higher level"),
+    ],
+)
+def test_criteria_without_numbers_and_levels_out_of_order_are_refused(tmp_path, old, new, said):
+    with pytest.raises(ConfigError, match=said):
+        scheme_of(tmp_path, read_text("swiss_debris_flow").replace(old, new))
 
 
 @pytest.mark.parametrize("name", names())

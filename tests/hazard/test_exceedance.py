@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ from synthetic_ensemble import MARKER, SHAPE, make_terrain, member_maps, write_m
 from runout.errors import StorageError
 from runout.hazard.exceedance import aggregate, effective_sample_size, normalised, weighted_percentiles
 from runout.io import netcdf
+from runout.model.joint_conditions import ATTRIBUTE, meets, to_record
 from runout.model.terrain import Terrain
-from runout.quantities import QUANTITIES
+from runout.quantities import MET, QUANTITIES
 from runout.quantities.thickness_and_speed import at_one_time
 
 THRESHOLDS = {"thickness": [0.1, 1.0, 2.0], "speed": [1.0, 5.0], "pressure": [3e3, 3e4]}
@@ -82,7 +84,8 @@ def test_a_weighted_percentile_splits_the_weight(values: list[float], heaviness:
 def test_a_joint_condition_counts_members_that_reach_its_thresholds_together(members: list[Path], weights: list[float]) -> None:
     maps = aggregate(members, weights, THRESHOLDS, PERCENTILES, joint=JOINT)
     w = np.array(weights) / np.sum(weights)
-    assert maps["joint_condition"].values[0] == "maximum flow thickness >= 2 m and maximum flow speed >= 3 m s-1"
+    words = "flow thickness >= 2 m and flow speed >= 3 m s-1 at one time; only bounded"
+    assert maps["joint_condition"].values[0].startswith(words)
     for k, condition in enumerate(JOINT):
         met = np.all([stack(NAMES[name]) >= limit for name, limit in at_one_time(condition).items()], axis=0)
         p = np.tensordot(w, met, axes=1)
@@ -180,6 +183,49 @@ def test_inundation_needs_a_threshold(members: list[Path]) -> None:
 def test_equal_weights_count_as_many_members() -> None:
     assert effective_sample_size(normalised([2.0] * 8, 8)) == pytest.approx(8.0)
     assert effective_sample_size(normalised([1.0, 0.0], 2)) == pytest.approx(1.0)
+
+
+def recorded_members(folder: Path, recorded: list[list[dict]]) -> list[Path]:
+    """Members 0, 1, ... that record conditions: the first of each is met where the thickness is 2 m, and the others nowhere."""
+    files = []
+    for number, conditions in enumerate(recorded):
+        maps = member_maps(number)
+        maps |= {MET: 1.0 * (maps["max_flow_thickness"] >= 2.0)} if conditions else {}
+        attributes = {ATTRIBUTE: json.dumps(conditions)} if conditions else {}
+        dataset = netcdf.map_dataset(make_terrain(), maps, title="m", attrs=attributes)
+        files.append(netcdf.write(dataset, folder / f"{number:04d}.nc"))
+    return files
+
+
+def test_conditions_that_all_members_record_are_exact_and_others_bounded(tmp_path: Path) -> None:
+    """Two files record the condition as their first, one as its second: then its bit is not the same, and bounds hold."""
+    pair, other = {"thickness": 0.7, "speed": 3.0}, {"thickness": 0.3, "speed": 2.0}
+    known = np.isfinite(make_terrain().elevation)
+    exact = recorded_members(tmp_path / "exact", [[pair], [pair, other], [pair]])
+    maps = aggregate(exact, [1.0] * 3, {"thickness": [0.1]}, [50.0], joint=[pair])
+    p = np.mean([member_maps(k)["max_flow_thickness"] >= 2.0 for k in range(3)], axis=0)
+    np.testing.assert_allclose(maps["joint_exceedance_probability"].values[0][known], p[known], atol=1e-6)
+    assert maps["joint_condition"].values[0] == "flow thickness >= 0.7 m and flow speed >= 3 m s-1 at one time"
+    for k, recorded in enumerate(([[pair], [other, pair], [pair]], [[pair], [], [pair]])):
+        bounded = recorded_members(tmp_path / f"bounded {k}", recorded)
+        maps = aggregate(bounded, [1.0] * 3, {"thickness": [0.1]}, [50.0], joint=[pair])
+        met = [np.all([member_maps(n)[NAMES[q]] >= v for q, v in at_one_time(pair).items()], axis=0) for n in range(3)]
+        np.testing.assert_allclose(maps["joint_exceedance_probability"].values[0][known], np.mean(met, axis=0)[known], atol=1e-6)
+        assert maps["joint_condition"].values[0].endswith("members do not record it")
+
+
+def test_a_condition_with_a_deposit_counts_its_flow_at_one_time_and_the_deposit_at_the_end() -> None:
+    condition = {"thickness": 1.0, "deposit": 0.5, "speed": 2.0}
+    values = {MET: np.array([0.0, 1.0, 1.0]), "deposit": np.array([9.0, 0.4, 0.5]), "thickness": np.full(3, 9.0)}
+    assert meets(condition, values, {(("speed", 2.0), ("thickness", 1.0)): 0}).tolist() == [False, False, True]
+
+
+def test_conditions_of_equal_thickness_and_speed_or_of_one_quantity_need_no_record() -> None:
+    exact = [{"thickness": 1.0, "speed": 1.0}, {"thickness": 1.0, "deposit": 2.0}]
+    assert to_record(exact) == []
+    assert to_record([*exact, {"speed": 2.0, "thickness": 1.0}, {"thickness": 1.0, "speed": 2.0, "deposit": 1.0}]) == [
+        {"speed": 2.0, "thickness": 1.0}
+    ]
 
 
 @given(

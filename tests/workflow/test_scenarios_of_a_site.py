@@ -1,5 +1,6 @@
 """A site of three classes of volume and two sources, from site.yaml to annual maps; every number is compared with the members."""
 
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -11,6 +12,8 @@ import ramp_site
 from runout.config.site import read_site
 from runout.ensemble.member import plan_members
 from runout.io import netcdf
+from runout.io.member_maps import MemberMaps
+from runout.quantities import MET
 from runout.workflow.hazard_map import run
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +39,7 @@ hazard:
   speed_thresholds: [1]
   unit_discharge_thresholds: [1]
   thickness_and_speed_thresholds: [1]
+  joint: [{thickness: 0.5, speed: 4}, {thickness: 1, speed: 1}]
   percentiles: [50]
   return_periods: [30, 100, 300]
 """
@@ -104,6 +108,25 @@ def test_annual_maps_are_those_of_the_members(site):
     assert "annual rates and conditional probabilities" in text
     assert "Area reached once in 100 years or more often" in text
     assert "No events beyond the scenarios" in text
+
+
+def test_joint_conditions_are_those_that_members_record_at_one_time(site):
+    """Of unequal thresholds: by the record of each member. Its cells are fewer than those of both maxima."""
+    hazard, table = netcdf.read(site / "results" / "hazard.nc"), netcdf.read(site / "results" / "members.nc")
+    met, both = [], []
+    for file in table["file"].values:
+        with MemberMaps(site / "results" / "members" / file) as member:
+            assert json.loads(member.attributes["joint_conditions"]) == [{"speed": 4.0, "thickness": 0.5}]
+            met.append(member.layer(MET, None) == 1)
+            both.append((member.layer("max_flow_thickness", None) >= 0.5) & (member.layer("max_speed", None) >= 4.0))
+    assert 0 < np.sum(met) < np.sum(both)
+    assert not (np.array(met) & ~np.array(both)).any()
+    rate = np.einsum("m,mij->ij", RATES, met)
+    np.testing.assert_allclose(hazard["joint_annual_exceedance"].values[0], rate, rtol=1e-5, atol=1e-9)
+    assert hazard["joint_condition"].values.tolist() == [
+        "flow thickness >= 0.5 m and flow speed >= 4 m s-1 at one time",
+        "flow thickness >= 1 m and flow speed >= 1 m s-1 at one time",
+    ]
 
 
 @pytest.mark.parametrize("name", ["unit_discharge", "thickness_and_speed"])
