@@ -33,7 +33,7 @@ from docs.pages.error_bars import FILE, coverage
 from runout.forecast import numerical_error
 from runout.forecast.numerical_error import MAP
 from runout.io.atomic import whole_file, write_json
-from runout.studies.convergence import SHIFT, Run, bars, plan, relative_l1, run_once
+from runout.studies.convergence import SHIFT, Run, bars, grounds, paired, plan, relative_l1, run_once
 
 SITES = Path(__file__).parents[2] / "sites"
 CHOSEN_BY = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]
@@ -53,7 +53,7 @@ KEPT = ("flow_thickness", "speed")  # maps of a run
 
 @dataclass(frozen=True)
 class Task:
-    """One run: case, cells through the thickness in the case, cell size over that, and number; negative for the true value."""
+    """One run: case, cells through the thickness in the case, cell size over that, number, negative for the true value, and ground."""
 
     site: str
     friction: float
@@ -63,12 +63,14 @@ class Task:
     end_time: float
     backend: str
     device: str
+    fine_relief: float | None = None  # part of the waves of two cells of the raster; None: by the grid
 
     @property
     def path(self) -> str:
         """File name."""
         case = f"{Path(self.site).name}_{self.friction:g}_{self.cells:g}"
-        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}.npz"
+        ground = "" if self.fine_relief is None else f"_{self.fine_relief:.3g}"
+        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}{ground}.npz"
 
     @property
     def shift(self) -> float:
@@ -81,10 +83,10 @@ class Task:
         if path.is_file():
             return 0.0
         arguments, thresholds = problem(self.site, self.friction)
-        depth = sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"])
         single = {"threads": 1} if self.device == "cpu" else {}
-        changed = {"cell_size": depth / self.cells, "end_time": self.end_time, "backend": self.backend, "device": self.device}
-        made = run_once({**arguments, **changed, **single}, self.ratio, self.shift, abs(self.number), thresholds)
+        changed = {"cell_size": spacing(self.site, self.cells), "end_time": self.end_time, "backend": self.backend, "device": self.device}
+        how = self.ratio, self.shift, abs(self.number), thresholds, None, self.fine_relief
+        made = run_once({**arguments, **changed, **single}, *how)
         with whole_file(path) as temporary, temporary.open("wb") as file:
             maps = {name: made.maps[name].astype(np.float32) for name in KEPT}
             facts = {"seconds": made.seconds, "particles": made.particles, "engine": f"{self.backend} on {self.device}"}
@@ -119,6 +121,19 @@ def problem(site: str, friction: float) -> tuple[dict[str, Any], Sequence[float]
         known = read_site(SITES / site if (SITES / site).is_dir() else Path(site))
         arguments = known.member_arguments({"basal_friction_angle_deg": friction})
     return {**arguments, "stop": False}, known.settings.hazard.thickness_thresholds
+
+
+def spacing(site: str, cells: float) -> float:
+    """Spacing [m] of a grid with so many cells through the mean thickness of the release."""
+    arguments, _ = problem(site, 15.0)
+    return float(sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"]) / cells)
+
+
+@cache
+def grids(site: str, cells: float) -> tuple[tuple[float, int, float], ...]:
+    """Ratio, number and ground of each run of a case."""
+    terrain, _ = problem(site, 15.0)
+    return tuple(plan(ground=grounds(terrain["terrain"], (spacing(site, cells),) * 2)))
 
 
 def made_site() -> dict[str, Any]:
@@ -158,7 +173,8 @@ def tasks(cases: Sequence[str], cells: Sequence[float], truth: float, **run: Any
         for friction in map(float, angles.split(",")):
             by_name[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
             for through in cells:
-                by_name[site, friction, through] = [Task(site, friction, through, ratio, number, **run) for ratio, number in plan()]
+                grid = ((Task(site, friction, through, ratio, k, fine_relief=part, **run)) for ratio, k, part in grids(site, through))
+                by_name[site, friction, through] = list(grid)
     return by_name
 
 
@@ -182,8 +198,8 @@ def cases_of(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: fl
     for (site, friction, cells), each in plans.items():
         if cells != truth:
             true = [finished(task, folder) for task in plans[site, friction, truth]]
-            runs = [finished(task, folder) for task in each]
-            for case in judged(runs, true):
+            made = [(task.ratio, task.number, task.fine_relief or 0.0) for task in each]
+            for case in judged(*paired([finished(task, folder) for task in each], made), true):
                 held_out = friction not in angles_of(CHOSEN_BY, site)
                 yield {"site": Path(site).name, "friction": friction, "cells": cells, "held_out": held_out, **case}
 
@@ -193,10 +209,13 @@ def angles_of(cases: Sequence[str], site: str) -> tuple[float, ...]:
     return tuple(float(angle) for case in cases if case.startswith(f"{site}:") for angle in case.split(":")[1].split(","))
 
 
-def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
-    """Each quantity with the error bar of ``runs``, the finest last, and its difference from the mean of the true runs."""
+def judged(runs: Sequence[Run], pair: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    """Each quantity with the error bar of ``runs``, the finest last, and its difference from the mean of the true runs.
+
+    ``pair`` is that of :func:`runout.studies.convergence.paired`.
+    """
     fine = runs[-1]
-    for name, bar in bars(runs).items():
+    for name, bar in bars(runs, pair).items():
         if name == MAP:
             maps = [run.maps["flow_thickness"] for run in true]
             mean, value = np.mean(maps, axis=0), None
