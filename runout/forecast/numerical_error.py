@@ -57,7 +57,7 @@ class ErrorBar:
     def of_value(cls, ratios: Sequence[float], values: Sequence[float], map_error: float, ground: float = 0.0) -> "ErrorBar":
         """Bar of a quantity from its values on grids with ``ratios`` of their cells over the finest, which has 1.
 
-        ``map_error``: relative error of the map that the quantity is taken from; ``ground``: difference by the relief of the raster.
+        ``map_error``: relative error of the map that the quantity is taken from; ``ground``: difference by relief of the raster.
         """
         fine = float(np.mean([v for r, v in zip(ratios, values, strict=True) if r == min(ratios)]))
         _, trend, scatter = fitted(ratios, values, ORDER)
@@ -101,6 +101,17 @@ def fitted(ratios: Sequence[float], values: Sequence[float], order: float) -> tu
     rest = weight * y - design @ coefficients
     start, trend = map(float, coefficients)
     return start, trend, float(np.sqrt((rest**2).sum() / max(len(x) - 2, 1)))
+
+
+def measured_errors(convergence: Mapping[str, Any], size: float) -> tuple[float | None, float | None]:
+    """Measured error bars of the map of flow thickness and of the run-out [1], at cells of ``size`` [m].
+
+    Those of ``convergence.json`` are of its finest cells; others follow by first order. None where it has none.
+    """
+    quantities, levels = convergence.get("quantities", {}), convergence.get("levels")
+    errors = (quantities.get(name, {}).get("relative_error") for name in (MAP, "f99"))
+    of_map, of_runout = (error * size / float(levels[-1]["cell_size"][0]) if error and levels else None for error in errors)
+    return of_map, of_runout
 
 
 def statements(convergence: Mapping[str, Any]) -> Iterator[str]:

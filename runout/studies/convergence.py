@@ -40,11 +40,12 @@ GROUND = 1.2  # of these, the grid that also runs on the ground of a fine one
 METHOD = (
     "Each coarser grid was shifted against the terrain, with other positions of the particles. A fit through all runs, of order "
     f"{ORDER:g} in the cell size, gives the trend, which is the difference from a grid of vanishing cells, and the scatter of the "
-    f"runs about it. All have the ground of the site's grid; one more run has the relief of the raster that finer grids meet again, and "
-    f"the difference that it makes is that of the ground. The error is {SAFETY:g} times the root of the sum of squares of the trend, "
-    f"of {SCATTERS:g} scatters, of the ground, and of {SHARE:g} of the error of the map; that of a map is the root of the sum of "
-    f"squares of {MAP_SAFETY:g} times trend and noise, and of {SAFETY:g} times the ground. Run-out is the horizontal "
-    "distance from the centre of the released mass. Areas count fractions of cells."
+    "runs about it. All have the ground of the site's grid. If finer grids meet relief of the raster that this one filters, one "
+    "more run has it, and the difference that it makes is that of the ground. The error is "
+    f"{SAFETY:g} times the root of the sum of squares of the trend, of {SCATTERS:g} scatters, of the ground, and of {SHARE:g} of "
+    f"the error of the map; that of a map is the root of the sum of squares of {MAP_SAFETY:g} times trend and noise, and of "
+    f"{SAFETY:g} times the ground. Run-out is the horizontal distance from the centre of the released mass. Areas count fractions "
+    "of cells."
 )
 QUANTITIES = ("quantity", "unit", "value", "trend", "scatter", "ground", "error", "relative")
 
@@ -71,8 +72,8 @@ def study(
 
     The scenario, every sampled parameter at its median, runs on the site's grid and on coarser ones with the same number of
     particles a cell and the same volume. Each coarser grid is also shifted against the terrain, upwards by another part of a cell,
-    with other positions of the particles. All have the ground of the site's grid. If finer grids meet relief of the raster that this
-    filters, the grid of :data:`GROUND` also runs on their ground.
+    with other positions of the particles. All have the ground of the site's grid. If finer grids meet relief of the raster that
+    this one filters, the grid of :data:`GROUND` also runs on their ground.
 
     Parameters
     ----------
@@ -304,7 +305,8 @@ def _level(level: Mapping[str, Any]) -> tuple[str, ...]:
 def _quantity(record: Mapping[str, Any]) -> tuple[str, ...]:
     value = "" if record["fine"] is None else f"{record['fine']:.4g}"
     relative = "" if record["relative_error"] is None else f"{100 * record['relative_error']:.2g} %"
-    return record["title"], record["unit"], value, *(f"{record[key]:.2g}" for key in ("trend", "scatter", "ground", "error")), relative
+    parts = (f"{record[key]:.2g}" for key in ("trend", "scatter", "ground", "error"))
+    return record["title"], record["unit"], value, *parts, relative
 
 
 def _map(field: Mapping[str, Any]) -> tuple[str, ...]:

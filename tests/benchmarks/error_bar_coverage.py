@@ -6,6 +6,9 @@ A case is a site at a basal friction angle with a number of grid cells through t
 the runs of `runout verify SITE --convergence`, on other shifts in each case. Its true value is the mean of two shifted runs on a
 finer grid; half their distance is the noise of the true value.
 
+`--true RECORD` takes the true values, and the differences from them, of an earlier record whose runs of the site's own grid are
+the same; then only the bars are made anew.
+
 Each run is a file in DIR/runs. A second call does those that are missing, so take another folder for another version. Calls with
 other `--cases` may share a folder and run at the same time, one on a GPU; a last call with all cases makes the record. Copy
 DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/forecast/accuracy.py, then run
@@ -53,7 +56,7 @@ KEPT = ("flow_thickness", "speed")  # maps of a run
 
 @dataclass(frozen=True)
 class Task:
-    """One run: case, cells through the thickness in the case, cell size over that, number, negative for the true value, and ground."""
+    """One run: case, cells through the thickness in it, cell size over that, number, negative for the true value, and ground."""
 
     site: str
     friction: float
@@ -84,7 +87,8 @@ class Task:
             return 0.0
         arguments, thresholds = problem(self.site, self.friction)
         single = {"threads": 1} if self.device == "cpu" else {}
-        changed = {"cell_size": spacing(self.site, self.cells), "end_time": self.end_time, "backend": self.backend, "device": self.device}
+        changed = {name: getattr(self, name) for name in ("end_time", "backend", "device")}
+        changed["cell_size"] = spacing(self.site, self.cells)
         how = self.ratio, self.shift, abs(self.number), thresholds, None, self.fine_relief
         made = run_once({**arguments, **changed, **single}, *how)
         with whole_file(path) as temporary, temporary.open("wb") as file:
@@ -173,8 +177,9 @@ def tasks(cases: Sequence[str], cells: Sequence[float], truth: float, **run: Any
         for friction in map(float, angles.split(",")):
             by_name[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
             for through in cells:
-                grid = ((Task(site, friction, through, ratio, k, fine_relief=part, **run)) for ratio, k, part in grids(site, through))
-                by_name[site, friction, through] = list(grid)
+                by_name[site, friction, through] = [
+                    Task(site, friction, through, ratio, k, fine_relief=part, **run) for ratio, k, part in grids(site, through)
+                ]
     return by_name
 
 
@@ -193,15 +198,24 @@ def finish(plans: Mapping[Any, Sequence[Task]], folder: Path, processes: int) ->
             print(f"{k + 1} of {len(jobs)}: {jobs[job].path}, {job.result():.1f} s", flush=True)
 
 
-def cases_of(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[dict[str, Any]]:
-    """Bar, true value with its noise, difference, and whether the bar holds it, for each quantity of each case."""
+def cases_of(
+    plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path, known: Sequence[Mapping[str, Any]] = ()
+) -> Iterator[dict[str, Any]]:
+    """Bar, true value with its noise, difference, and whether the bar holds it, for each quantity of each case.
+
+    ``known``: cases of an earlier record, whose true values and differences are taken.
+    """
     for (site, friction, cells), each in plans.items():
         if cells != truth:
-            true = [finished(task, folder) for task in plans[site, friction, truth]]
             made = [(task.ratio, task.number, task.fine_relief or 0.0) for task in each]
-            for case in judged(*paired([finished(task, folder) for task in each], made), true):
-                held_out = friction not in angles_of(CHOSEN_BY, site)
-                yield {"site": Path(site).name, "friction": friction, "cells": cells, "held_out": held_out, **case}
+            runs, pair = paired([finished(task, folder) for task in each], made)
+            case = {"site": Path(site).name, "friction": friction, "cells": cells}
+            if known:
+                quantities = judged_again(runs, pair, [one for one in known if case.items() <= one.items()])
+            else:
+                quantities = judged(runs, pair, [finished(task, folder) for task in plans[site, friction, truth]])
+            for quantity in quantities:
+                yield {**case, "held_out": friction not in angles_of(CHOSEN_BY, site), **quantity}
 
 
 def angles_of(cases: Sequence[str], site: str) -> tuple[float, ...]:
@@ -230,11 +244,23 @@ def judged(runs: Sequence[Run], pair: Sequence[Run], true: Sequence[Run]) -> Ite
             yield {"quantity": name, **bar.as_dict(name), **entry, "holds": bool(difference <= bar.error)}
 
 
-def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[str]:
+def judged_again(runs: Sequence[Run], pair: Sequence[Run], known: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Each quantity of earlier cases with the error bar of ``runs``, as :func:`judged`; maps have the earlier difference."""
+    error_bars = bars(runs, pair)
+    for case in known:
+        bar = error_bars[case["quantity"]]
+        difference = case["difference"] if bar.fine is None else abs(case["truth"] / bar.fine - 1.0)
+        entry = {"truth": case["truth"], "noise": case["noise"], "difference": difference, "holds": difference <= bar.relative}
+        yield {"quantity": case["quantity"], **bar.as_dict(case["quantity"]), **entry}
+
+
+def constants(
+    plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path, known: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
     """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
     for safety, of_map, scatters, share in product((1.0, 1.25, 1.5), (1.25, 1.5, 1.75, 2.0), (1.0, 2.0), (0.25, 0.35, 0.45, 0.6)):
         with patch.multiple(numerical_error, SAFETY=safety, MAP_SAFETY=of_map, SCATTERS=scatters, SHARE=share):
-            cases = list(cases_of(plans, truth, folder))
+            cases = list(cases_of(plans, truth, folder, known))
         content, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
         sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
         chosen = f"SAFETY {safety:g} MAP_SAFETY {of_map:g} SCATTERS {scatters:g} SHARE {share:g}"
@@ -274,20 +300,24 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--cases", nargs="+", help="SITE:ANGLE,ANGLE with made, avakot, a name below sites/ or the path of a site")
     parser.add_argument("--cells", nargs="+", type=float, help="cells through the mean thickness, one case each")
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
+    parser.add_argument("--true", type=Path, help="earlier record of the true values, which are not run")
     parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
     parser.add_argument("--end-time", type=float, default=END_TIME)
     words = list(sys.argv[1:] if arguments is None else arguments)
     chosen = parser.parse_args(words)
-    chosen.options = " ".join(words).replace(str(chosen.out), "DIR")
+    chosen.options = " ".join(words).replace(str(chosen.out), "DIR").replace(str(chosen.true), "RECORD")
     chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
     run = {name: getattr(chosen, name) for name in ("end_time", "backend", "device")}
     named, cells = chosen.cases or (SMALL if chosen.small else CASES), chosen.cells or (SMALL_CELLS if chosen.small else CELLS)
     started, plans, folder = time.perf_counter(), tasks(named, cells, chosen.truth, **run), chosen.out / "runs"
+    known = json.loads(chosen.true.read_text())["cases"] if chosen.true else []
+    if known:
+        plans = {case: each for case, each in plans.items() if case[2] != chosen.truth}
     finish(plans, folder, chosen.processes)
     chosen.engines = engines(plans, folder)
     seconds = sum(finished(task, folder).seconds for each in plans.values() for task in each)
-    content = record(list(cases_of(plans, chosen.truth, folder)), seconds, time.perf_counter() - started, chosen)
-    for line in constants(plans, chosen.truth, folder) if chosen.constants else ():
+    content = record(list(cases_of(plans, chosen.truth, folder, known)), seconds, time.perf_counter() - started, chosen)
+    for line in constants(plans, chosen.truth, folder, known) if chosen.constants else ():
         print(line, flush=True)
     print(write_json(content, chosen.out / FILE), json.dumps(content["coverage"]), json.dumps(content["expected"]))
     return content

@@ -46,6 +46,16 @@ def test_a_difference_beyond_the_bar_counts_as_missed():
     assert held == {"f99": False, MAP: True}
 
 
+def test_bars_are_judged_again_by_the_true_values_of_an_earlier_record():
+    runs, pair, true = ladder(1.5, 0)
+    first = list(study.judged(runs, pair, true))
+    again = list(study.judged_again(runs, pair, first))
+    assert [case["quantity"] for case in again] == [case["quantity"] for case in first]
+    assert [case["difference"] for case in again] == pytest.approx([case["difference"] for case in first])
+    missed = list(study.judged_again(runs, pair, [{**case, "truth": 2000.0} for case in first if case["truth"]]))
+    assert [case["holds"] for case in missed] == [False]
+
+
 def test_expected_errors_are_medians_of_the_bars_at_one_cell_through_the_thickness():
     bars = [(name, cells, bar) for name in ("f99", MAP) for cells in (1.0, 2.0) for bar in (0.05, 0.1, 0.4)]
     cases = [{"quantity": name, "cells": cells, "relative_error": bar / cells} for name, cells, bar in bars]
