@@ -24,7 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,8 @@ SMALL_CELLS, SMALL_TRUTH = (0.6, 0.75), 1.5
 END_TIME = 60.0  # [s]
 TRUTHS = 2  # runs of a true value
 OFFSET = 0.23  # shift for a degree of friction [cells]
-KEPT = ("flow_thickness", "speed")  # maps of a run
+KEPT = ("flow_thickness", "speed", "pressure")  # maps of a run
+LAYERS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0)  # least thickness on the fine grid of the parts of a bias [m]
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Task:
 def finished(task: Task, folder: Path) -> Run:
     """The run of a task, read once."""
     with np.load(folder / task.path) as content:
-        maps = {name: content[name] for name in KEPT}
+        maps = {name: content[name] for name in KEPT if name in content}
         quantities = json.loads(str(content["quantities"]))
         return Run(task.ratio, quantities, maps, float(content["seconds"]), int(content["particles"]))
 
@@ -267,6 +268,36 @@ def constants(
         yield f"{chosen}: {content['holds']:.3f} ({', '.join(sites)}), ratio {content['ratio']:.2f}"
 
 
+def bias_by_thickness(run: Run, true: Run) -> list[dict[str, float]]:
+    """Parts of the bias [1] of speed and pressure against a finer grid, by the largest thickness there.
+
+    With the number of cells that either reaches, the number that both reach, and the bias of speed in those.
+    """
+    thickness, rows = np.nan_to_num(true.maps["flow_thickness"]), []
+    speeds = run.maps["speed"], true.maps["speed"]
+    for least, most in pairwise((*LAYERS, np.inf)):
+        either = (thickness >= least) & (thickness < most) & (np.maximum(*speeds) > 0)
+        both = either & (np.minimum(*speeds) > 0)
+        row = {"least": least, "cells": int(either.sum()), "both": int(both.sum())}
+        row["bias_where_both"] = float(speeds[0][both].sum() / speeds[1][both].sum() - 1.0) if both.any() else 0.0
+        for name in ("speed", "pressure"):
+            one, other = run.maps[name], true.maps[name]
+            row[name] = float((one[either] - other[either]).sum() / other.sum())
+        rows.append(row)
+    return rows
+
+
+def split_case(case: str, truth: float, folder: Path, run: Mapping[str, Any]) -> dict[str, Any]:
+    """The bias by thickness of SITE:ANGLE:CELLS, against one run of the true value."""
+    site, friction, cells = case.split(":")
+    tried = [Task(site, float(friction), float(through), 1.0, k, **run) for through, k in ((cells, 0), (truth, -1))]
+    for task in tried:
+        task.run(folder)
+    sizes = {"cell_size": spacing(site, float(cells)), "true_cell_size": spacing(site, truth)}
+    layers = bias_by_thickness(*(finished(task, folder) for task in tried))
+    return {"site": Path(site).name, "friction": float(friction), **sizes, "layers": layers}
+
+
 def expected_errors(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Median bars of map and run-out, brought to one cell through the thickness by first order."""
     scaled = {name: [c["relative_error"] * c["cells"] for c in cases if c["quantity"] == name] for name in (MAP, "f99")}
@@ -280,7 +311,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
     return {
         "machine": machine(),
         "versions": versions(),
-        **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time")},
+        **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time", "bias_by_thickness")},
         "seconds": {"runs": round(seconds), "wall": round(wall)},
         "coverage": coverage(cases),
         "coverage_held_out": coverage([case for case in cases if case["held_out"]] or cases),
@@ -289,8 +320,8 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
-    """Make all runs, and write the record."""
+def options() -> argparse.ArgumentParser:
+    """Options of the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of runs and record")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
@@ -301,10 +332,16 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--cells", nargs="+", type=float, help="cells through the mean thickness, one case each")
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
     parser.add_argument("--true", type=Path, help="earlier record of the true values, which are not run")
+    parser.add_argument("--split", help="SITE:ANGLE:CELLS whose bias of speed and pressure is split by thickness")
     parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
     parser.add_argument("--end-time", type=float, default=END_TIME)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
+    """Make all runs, and write the record."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    chosen = parser.parse_args(words)
+    chosen = options().parse_args(words)
     chosen.options = " ".join(words).replace(str(chosen.out), "DIR").replace(str(chosen.true), "RECORD")
     chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
     run = {name: getattr(chosen, name) for name in ("end_time", "backend", "device")}
@@ -316,6 +353,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     finish(plans, folder, chosen.processes)
     chosen.engines = engines(plans, folder)
     seconds = sum(finished(task, folder).seconds for each in plans.values() for task in each)
+    chosen.bias_by_thickness = split_case(chosen.split, chosen.truth, folder, run) if chosen.split else None
     content = record(list(cases_of(plans, chosen.truth, folder, known)), seconds, time.perf_counter() - started, chosen)
     for line in constants(plans, chosen.truth, folder, known) if chosen.constants else ():
         print(line, flush=True)

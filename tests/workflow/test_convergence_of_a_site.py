@@ -67,14 +67,14 @@ def made_up(calls, site, escaped=0.0):
 def test_study_runs_shifted_coarser_grids_and_finds_trends(ramp):
     site, calls, seen = read_site(ramp), [], []
     found = convergence.study(site, coarser=(1.5, 2.25, 2.25), simulate=made_up(calls, site), progress=seen.append)
-    assert [h for h, _, _ in calls] == [22.5, 22.5, 15.0, 10.0]
-    assert [lift for _, lift, _ in calls] == pytest.approx([0.382, 0.764, 0.146, 0.0], abs=1e-5)
+    assert [h for h, _, _ in calls] == [15.0, 22.5, 22.5, 15.0, 10.0]  # the first on the ground of finer grids
+    assert [lift for _, lift, _ in calls] == pytest.approx([0.146, 0.382, 0.764, 0.146, 0.0], abs=1e-5)
     assert len({seed for _, _, seed in calls}) == 4
     front, depth = found["quantities"]["f99"], found["quantities"]["thickness_map"]
     assert front["trend"] == pytest.approx(0.5 * 10.0**ORDER, rel=1e-4)
     assert front["scatter"] == pytest.approx(0.0, abs=0.01)
     assert depth["error"] == pytest.approx(MAP_SAFETY * 10.0 / 1010.0, rel=1e-4)  # thickness of 10 in a map of 1010
-    assert [level["cell_size"][0] for level in found["levels"]] == [22.5, 22.5, 15.0, 10.0]
+    assert [level["cell_size"][0] for level in found["levels"]] == [15.0, 22.5, 22.5, 15.0, 10.0]
     thickness = next(field for field in found["fields"] if field["map"] == "flow_thickness")
     assert thickness["ratio"] == 1.5
     assert thickness["error_over_difference"] == pytest.approx(MAP_SAFETY * 2.0)  # half a cell finer than the other grid
