@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import ConfigError
+from runout.forecast.numerical_error import measured_errors
 from runout.model.limits import CFL
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ BOUNDS = "Error bars hold 9 of 10 cases. They hold the error of the grid only, n
 EXPECTED = (
     f"Expected errors are medians of the error bars of {EXAMPLE}; `runout verify SITE --convergence` measures those of this site."
 )
+MEASURED = "Errors are those of `runout verify SITE --convergence` on this site, brought to other cells by first order."
 FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
 
 CellSize = float | tuple[float, float, float]
@@ -83,35 +85,49 @@ def work(grid: Mapping[str, Any]) -> float:
 
 
 def lines(
-    accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str, Any], particles: Callable[[float], tuple[int, int, int]]
+    accuracy: str | None,
+    releases: "Sequence[Release]",
+    grid: Mapping[str, Any],
+    particles: Callable[[float], tuple[int, int, int]],
+    measured: Mapping[str, Any],
 ) -> list[str]:
-    """Lines of ``runout check``: the cells of a run with its expected error bars, and those of each preset with its relative work.
+    """Lines of ``runout check``: the cells of a run with its error bars, and those of each preset with its relative work.
 
-    ``particles`` gives the default particles per cell (px, py, pz) for a cell height [m].
+    ``particles`` gives the default particles per cell (px, py, pz) for a cell height [m]; ``measured`` is the content of
+    ``convergence.json``, empty without: then the error bars are those that are expected.
     """
     depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
     name, through = f"accuracy {accuracy}: " if accuracy else "", _through(grid, depth)
     cells = f"cells of {_sizes(grid['cell_size'])} with {_count(grid['particles_per_cell'])} particles"
-    rows = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; {error_statement(through)}"]
+    rows = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; "]
+    rows[0] += error_statement(through, measured_errors(measured, _east(grid["cell_size"])))
     for other in PRESETS:
         size: Any = chosen_cell_size(other, releases)
         count = particles(size)
         ratio = work({"cell_size": size, "cfl": CFL, "particles_per_cell": count}) / work(grid)
-        rows.append(
-            f"          {other}: {_sizes(size)} with {_count(count)}, {ratio:.3g} times this work; {error_statement(depth / size)}"
-        )
-    return [*rows, f"          ({EXPECTED} {BOUNDS})"]
+        error = error_statement(depth / size, measured_errors(measured, size))
+        rows.append(f"          {other}: {_sizes(size)} with {_count(count)}, {ratio:.3g} times this work; {error}")
+    return [*rows, f"          ({MEASURED if measured else EXPECTED} {BOUNDS})"]
 
 
-def error_statement(through: float) -> str:
-    """Expected error bars of a grid with so many cells ``through`` the mean thickness of the release, in words.
+def error_statement(through: float, measured: tuple[float | None, float | None] = (None, None)) -> str:
+    """Error bars of a grid with so many cells ``through`` the mean thickness of the release, in words.
 
-    With fewer than :data:`FEWEST_MEASURED` they were not measured.
+    Those ``measured`` of map and run-out, or those that are expected, which are not known below :data:`FEWEST_MEASURED` cells.
     """
+    if None not in measured:
+        return f"measured numerical error {_bars(*measured)}"
     if through < FEWEST_MEASURED:
         return f"expected numerical error not known with fewer than {FEWEST_MEASURED:g} cells through the mean thickness"
-    of_map, of_runout = expected_errors(through)
-    return f"expected numerical error ± {100 * of_runout:.2g} % of the run-out, ± {100 * of_map:.2g} % of the thickness map"
+    return f"expected numerical error {_bars(*expected_errors(through))}"
+
+
+def _bars(of_map: float | None, of_runout: float | None) -> str:
+    return f"± {100 * (of_runout or 0.0):.2g} % of the run-out, ± {100 * (of_map or 0.0):.2g} % of the thickness map"
+
+
+def _east(size: "CellSize") -> float:
+    return float(size[0] if isinstance(size, Sequence) else size)
 
 
 def _through(grid: Mapping[str, Any], depth: float) -> float:

@@ -7,6 +7,10 @@ error bar is meant to hold the error in 9 of 10 cases (:data:`runout.forecast.ac
 A bar comes from runs on the grid and on coarser ones, of uneven ratios and shifted against the terrain. A fit of c + b h^p through
 them, by least squares with weights of 1/h (Eca & Hoekstra 2014, J. Comput. Phys. 262:104), gives the trend b h^p and the scatter
 of the runs. The order p is given, not fitted: an order that is fitted to few runs turns with their scatter.
+
+Coarse grids do not meet the relief of a few cells of the raster (:mod:`runout.terrain.relief`), finer ones do. No fit through
+coarse grids sees that, and grids on both sides of this change have no trend. So all runs have the ground of the site's grid, and
+one more has that of a fine one; the difference that it makes is a part of the bar of its own.
 """
 
 import json
@@ -44,31 +48,32 @@ class ErrorBar:
     fine: float | None  # value on the finest grid; None for a map
     trend: float  # difference from a grid of vanishing cells by the fit, in the unit of the quantity
     scatter: float  # standard deviation of the runs about the fit; of a map the noise of its own grid
-    # the bar: :data:`SAFETY` times the root of the sum of squares of the trend, of :data:`SCATTERS` scatters, and of :data:`SHARE`
-    # of the error of the map. For a map, :data:`MAP_SAFETY` times that of the trend and the noise
+    ground: float  # difference by the relief of the raster that finer grids meet, in the unit of the quantity
+    # the bar: :data:`SAFETY` times the root of the sum of squares of the trend, of :data:`SCATTERS` scatters, of the ground, and of
+    # :data:`SHARE` of the error of the map. For a map, that of :data:`MAP_SAFETY` trends and noises and of :data:`SAFETY` grounds
     error: float
 
     @classmethod
-    def of_value(cls, ratios: Sequence[float], values: Sequence[float], map_error: float) -> "ErrorBar":
+    def of_value(cls, ratios: Sequence[float], values: Sequence[float], map_error: float, ground: float = 0.0) -> "ErrorBar":
         """Bar of a quantity from its values on grids with ``ratios`` of their cells over the finest, which has 1.
 
-        ``map_error``: relative error of the map that the quantity is taken from.
+        ``map_error``: relative error of the map that the quantity is taken from; ``ground``: difference by relief of the raster.
         """
         fine = float(np.mean([v for r, v in zip(ratios, values, strict=True) if r == min(ratios)]))
         _, trend, scatter = fitted(ratios, values, ORDER)
         least = SHARE * map_error / SAFETY * fine
-        return cls(fine, trend, scatter, SAFETY * float(np.linalg.norm([trend, SCATTERS * scatter, least])))
+        return cls(fine, trend, scatter, ground, SAFETY * float(np.linalg.norm([trend, SCATTERS * scatter, ground, least])))
 
     @classmethod
-    def of_map(cls, ratios: Sequence[float], distances: Sequence[float]) -> "ErrorBar":
-        """Bar of a map from the distances of maps on coarser grids to it.
+    def of_map(cls, ratios: Sequence[float], distances: Sequence[float], ground: float = 0.0) -> "ErrorBar":
+        """Bar of a map from the distances of maps on coarser grids to it, and that by the relief of the raster.
 
         Errors that shrink with the cells make distances that grow from zero. Noise of the map leaves a distance to a grid of equal
         cells; that is the root of two times the noise.
         """
         noise, trend, _ = fitted(ratios, distances, MAP_ORDER)
         noise = max(noise, 0.0) / math.sqrt(2.0)
-        return cls(None, trend, noise, MAP_SAFETY * math.hypot(trend, noise))
+        return cls(None, trend, noise, ground, math.hypot(MAP_SAFETY * math.hypot(trend, noise), SAFETY * ground))
 
     @property
     def relative(self) -> float | None:
@@ -96,6 +101,17 @@ def fitted(ratios: Sequence[float], values: Sequence[float], order: float) -> tu
     rest = weight * y - design @ coefficients
     start, trend = map(float, coefficients)
     return start, trend, float(np.sqrt((rest**2).sum() / max(len(x) - 2, 1)))
+
+
+def measured_errors(convergence: Mapping[str, Any], size: float) -> tuple[float | None, float | None]:
+    """Measured error bars of the map of flow thickness and of the run-out [1], at cells of ``size`` [m].
+
+    Those of ``convergence.json`` are of its finest cells; others follow by first order. None where it has none.
+    """
+    quantities, levels = convergence.get("quantities", {}), convergence.get("levels")
+    errors = (quantities.get(name, {}).get("relative_error") for name in (MAP, "f99"))
+    of_map, of_runout = (error * size / float(levels[-1]["cell_size"][0]) if error and levels else None for error in errors)
+    return of_map, of_runout
 
 
 def statements(convergence: Mapping[str, Any]) -> Iterator[str]:

@@ -62,6 +62,9 @@ class Terrain:
         Coordinate system of the file as WKT if the elevations were reprojected; None if it is ``crs``.
     vertical_datum : str or None
         Vertical datum of the elevations; None if unknown.
+    fine_relief : float or None
+        Part of the natural waves of two cells that the ground of a grid keeps, 0 to 1; None: by the cells of the grid, as many
+        as these resolve (:func:`runout.terrain.relief.resolved_in`).
 
     Raises
     ------
@@ -78,6 +81,7 @@ class Terrain:
     changes: tuple[str, ...] = field(default=())
     own_crs: str | None = None
     vertical_datum: str | None = None
+    fine_relief: float | None = None
 
     def __post_init__(self) -> None:
         z = real_array(self.elevation, f"{self.source}: elevation", DemError)

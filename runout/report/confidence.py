@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.forecast.accuracy import FEWEST_MEASURED, expected_errors
+from runout.forecast.numerical_error import measured_errors
 from runout.forecast.sampling_error import BAR, median_error
 from runout.hazard.order import effective_sample_size, weighted_percentiles
 from runout.report import tables
@@ -107,9 +108,10 @@ def _rank_correlation(study: Study, name: str) -> float:
 def _of_grid(study: Study, settings: Mapping[str, Any]) -> Part:
     """What the grid leaves open: measured on the site, or expected of its cells."""
     remedy = "finer cells (half the size halves it, at 16 times the work)"
-    measured = (study.convergence or {}).get("quantities", {}).get("f99", {}).get("relative_error")
+    size = float(np.ravel(settings["simulation"]["cell_size"])[0])
+    _, measured = measured_errors(study.convergence or {}, size)
     if measured:
-        return Part(GRID, float(measured), "runs on several grids (verify --convergence)", remedy)
+        return Part(GRID, measured, "runs on several grids (verify --convergence)", remedy)
     through = tables.cells_through(study, settings)
     if through < FEWEST_MEASURED:
         why = f"{through:.2g} cells through the mean thickness of the release, fewer than {FEWEST_MEASURED:g}"

@@ -20,9 +20,12 @@ from runout.scores.elevation_change import elevation_change
 from runout.scores.field_errors import differences
 from runout.scores.flow import BAR_MAPS, OF_MEMBER
 from runout.studies.work_precision import markdown
+from runout.terrain.relief import resolved_in
+from runout.terrain.sdf import raster_surface
 
 if TYPE_CHECKING:
     from runout.config.site import Site
+    from runout.model.terrain import Terrain
     from runout.simulation.result import Result
 
 LOGGER = logging.getLogger("runout.convergence")
@@ -33,14 +36,18 @@ SHIFT = 0.382  # cells between the shifts of one run and the next
 MAPS = {BAR_MAPS.get(name, name): of_run for name, of_run in OF_MEMBER.items()}  # name in the study -> map of a run
 FROM_MAP = {"peak_speed": "speed"}  # map that a quantity is taken from, where it is not that of flow thickness
 MOST_ESCAPED = 0.01  # share of the mass beyond the terrain up to which run-out is known
+GROUND = 1.2  # of these, the grid that also runs on the ground of a fine one
 METHOD = (
     "Each coarser grid was shifted against the terrain, with other positions of the particles. A fit through all runs, of order "
     f"{ORDER:g} in the cell size, gives the trend, which is the difference from a grid of vanishing cells, and the scatter of the "
-    f"runs about it. The error is {SAFETY:g} times the root of the sum of squares of the trend, of {SCATTERS:g} scatters, and of "
-    f"{SHARE:g} of the error of the map; that of a map is {MAP_SAFETY:g} times that of trend and noise. Run-out is the horizontal "
-    "distance from the centre of the released mass. Areas count fractions of cells."
+    "runs about it. All have the ground of the site's grid. If finer grids meet relief of the raster that this one filters, one "
+    "more run has it, and the difference that it makes is that of the ground. The error is "
+    f"{SAFETY:g} times the root of the sum of squares of the trend, of {SCATTERS:g} scatters, of the ground, and of {SHARE:g} of "
+    f"the error of the map; that of a map is the root of the sum of squares of {MAP_SAFETY:g} times trend and noise, and of "
+    f"{SAFETY:g} times the ground. Run-out is the horizontal distance from the centre of the released mass. Areas count fractions "
+    "of cells."
 )
-QUANTITIES = ("quantity", "unit", "value", "trend", "scatter", "error", "relative")
+QUANTITIES = ("quantity", "unit", "value", "trend", "scatter", "ground", "error", "relative")
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,8 @@ def study(
 
     The scenario, every sampled parameter at its median, runs on the site's grid and on coarser ones with the same number of
     particles a cell and the same volume. Each coarser grid is also shifted against the terrain, upwards by another part of a cell,
-    with other positions of the particles.
+    with other positions of the particles. All have the ground of the site's grid. If finer grids meet relief of the raster that
+    this one filters, the grid of :data:`GROUND` also runs on their ground.
 
     Parameters
     ----------
@@ -95,43 +103,78 @@ def study(
     spacing = np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
     _require_room(arguments, max(coarser) * spacing)
     thresholds = site.settings.hazard.thickness_thresholds
-    grids = plan(coarser)
-    costs = np.cumsum([ratio**-4.0 for ratio, _ in grids])
-    runs: list[Run] = []
-    for (ratio, number), cost in zip(grids, costs, strict=True):
-        runs.append(run_once(arguments, ratio, number * SHIFT, number, thresholds, simulate))
-        LOGGER.info("cells of %.4g m, shifted by %.2g: %.1f s", ratio * spacing[0], number * SHIFT % 1.0, runs[-1].seconds)
+    grids = plan(coarser, grounds(arguments["terrain"], spacing[:2]))
+    costs = np.cumsum([ratio**-4.0 for ratio, *_ in grids])
+    made: list[Run] = []
+    for (ratio, number, ground), cost in zip(grids, costs, strict=True):
+        made.append(run_once(arguments, ratio, number * SHIFT, number, thresholds, simulate, ground))
+        LOGGER.info("cells of %.4g m, shifted by %.2g: %.1f s", ratio * spacing[0], number * SHIFT % 1.0, made[-1].seconds)
         if progress:
             progress(cost / costs[-1])
+    runs, pair = paired(made, grids)
     return {
         "site": site.name,
         "scenario": median_parameters(site.settings),
         "levels": [
-            {"cell_size": [*map(float, run.ratio * spacing)], "particles": run.particles, "seconds": run.seconds} for run in runs
+            {"cell_size": [*map(float, run.ratio * spacing)], "particles": run.particles, "seconds": run.seconds} for run in made
         ],
-        "quantities": {name: bar.as_dict(name) for name, bar in bars(runs).items()},
-        "fields": _fields(runs, site, arguments["terrain"].cell_area),
+        "quantities": {name: bar.as_dict(name) for name, bar in bars(runs, pair).items()},
+        "fields": _fields(runs, pair, site, arguments["terrain"].cell_area),
     }
 
 
-def plan(coarser: Sequence[float] = COARSER) -> list[tuple[float, int]]:
-    """Cell size over the site's and number of each run, coarse first; the site's own is 0 and is not shifted."""
-    return [*((ratio, k + 1) for k, ratio in enumerate(sorted(coarser, reverse=True))), (1.0, 0)]
+def grounds(terrain: "Terrain", spacing: Sequence[float]) -> tuple[float, ...]:
+    """Part of the natural waves of two cells that all grids keep (:class:`~runout.model.terrain.Terrain`): that of the site's grid.
+
+    And 1, where finer grids meet more of them.
+    """
+    own = resolved_in(spacing, terrain.cell_size) if terrain.fine_relief is None else terrain.fine_relief
+    pair = (replace(terrain, fine_relief=part) for part in (own, 1.0))
+    surfaces = (raster_surface(one, None, (float(spacing[0]), float(spacing[1]))).coefficients for one in pair)
+    return (own,) if np.array_equal(*surfaces) else (own, 1.0)
 
 
-def bars(runs: Sequence[Run]) -> dict[str, ErrorBar]:
-    """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest."""
+def plan(coarser: Sequence[float] = COARSER, ground: Sequence[float] = (0.0,)) -> list[tuple[float, int, float]]:
+    """Cell size over the site's, number and ground of each run, coarse first; the site's own has number 0 and is not shifted.
+
+    ``ground`` is that of :func:`grounds`. The second one has a run of the cells nearest to :data:`GROUND`, with the number of that
+    on the first.
+    """
+    grids = [(ratio, k + 1, ground[0]) for k, ratio in enumerate(sorted(coarser, reverse=True))]
+    ratio, number, _ = min(grids, key=lambda grid: abs(grid[0] - GROUND))
+    return [*((ratio, number, other) for other in ground[1:]), *grids, (1.0, 0, ground[0])]
+
+
+def paired(made: Sequence[Run], grids: Sequence[tuple[float, int, float]]) -> tuple[list[Run], tuple[Run, ...]]:
+    """Runs on the ground of the site's grid, and that on the ground of a fine one with its like among them, if there is one."""
+    own = [run for run, grid in zip(made, grids, strict=True) if grid[2] == grids[-1][2]]
+    if len(own) == len(made):
+        return own, ()
+    number = grids[0][1]
+    return own, (made[0], next(run for run, grid in zip(made[1:], grids[1:], strict=True) if grid[1] == number))
+
+
+def bars(runs: Sequence[Run], pair: Sequence[Run] = ()) -> dict[str, ErrorBar]:
+    """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest.
+
+    ``pair``: two runs of one grid on the ground of a fine grid and on that of the site's; their difference is that of the ground.
+    """
     ratios, fine = [run.ratio for run in runs], runs[-1]
-    of_map = {name: ErrorBar.of_map(ratios[:-1], _distances(runs, name)) for name in ("flow_thickness", "speed")}
+    of_map = {name: _bar_of_map(runs, pair, name) for name in ("flow_thickness", "speed")}
     error_bars = {}
     for name in fine.quantities:
-        values = [run.quantities[name] for run in runs]
-        if np.isfinite(values).all():
+        values, by_ground = ([run.quantities[name] for run in some] for some in (runs, pair))
+        if np.isfinite([*values, *by_ground]).all():
             map_error = of_map[FROM_MAP.get(name, "flow_thickness")].error
-            error_bars[name] = ErrorBar.of_value(ratios, values, map_error)
+            error_bars[name] = ErrorBar.of_value(ratios, values, map_error, float(np.ptp(by_ground)) if pair else 0.0)
         else:
             LOGGER.warning("%s has no error bar: more than %g %% of the mass left the terrain", name, 100 * MOST_ESCAPED)
     return {**error_bars, MAP: of_map["flow_thickness"]}
+
+
+def _bar_of_map(runs: Sequence[Run], pair: Sequence[Run], name: str) -> ErrorBar:
+    ground = _distances(pair, name)[0] if pair else 0.0
+    return ErrorBar.of_map([run.ratio for run in runs[:-1]], _distances(runs, name), ground)
 
 
 def _distances(runs: Sequence[Run], name: str) -> list[float]:
@@ -152,15 +195,19 @@ def _require_room(arguments: Mapping[str, Any], coarsest: np.ndarray) -> None:
 
 
 def run_once(
-    arguments: Mapping[str, Any], ratio: float, shift: float, seed: int, thresholds: Sequence[float], simulate: Any = None
-) -> Run:
-    """One run with cells ``ratio`` times those of ``arguments``, the terrain raised by ``shift`` cells, less whole ones."""
+    arguments: Mapping[str, Any], ratio: float, shift: float, seed: int, thresholds: Sequence[float], simulate: Any = None,
+    fine_relief: float | None = None,
+) -> Run:  # fmt: skip
+    """One run with cells ``ratio`` times those of ``arguments``, the terrain raised by ``shift`` cells, less whole ones.
+
+    ``fine_relief`` is the part of the waves of two cells of the raster that its ground keeps.
+    """
     from runout.hazard.observed import removed
 
     if simulate is None:
         from runout.simulation.single import simulate
     terrain, h = arguments["terrain"], ratio * np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
-    raised = replace(terrain, elevation=terrain.elevation + shift % 1.0 * h[2])
+    raised = replace(terrain, elevation=terrain.elevation + shift % 1.0 * h[2], fine_relief=fine_relief)
     changed = {"terrain": raised, "cell_size": tuple(float(x) for x in h), "seed": arguments["seed"] + seed}
     result = simulate(**{**arguments, **changed})
     values = quantities(result, arguments["release"], thresholds)
@@ -198,14 +245,14 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
     return values
 
 
-def _fields(runs: Sequence[Run], site: "Site", cell_area: float) -> list[dict[str, Any]]:
+def _fields(runs: Sequence[Run], pair: Sequence[Run], site: "Site", cell_area: float) -> list[dict[str, Any]]:
     """Differences of the maps of the site's grid from those of a coarser one, and their errors over these differences."""
     ratios, fine = [run.ratio for run in runs[:-1]], runs[-1]
     other = min(range(len(ratios)), key=lambda k: abs(ratios[k] - COMPARED))
     differences_of_maps = []
     for name, best in fine.maps.items():
         distances = _distances(runs, name)
-        over = ErrorBar.of_map(ratios, distances).error / distances[other] if distances[other] else 1.0
+        over = _bar_of_map(runs, pair, name).error / distances[other] if distances[other] else 1.0
         differences = _compared(name, runs[other].maps[name], best, site, cell_area)
         differences_of_maps.append({"ratio": ratios[other], "map": name, "error_over_difference": over, **differences})
     return differences_of_maps
@@ -258,7 +305,8 @@ def _level(level: Mapping[str, Any]) -> tuple[str, ...]:
 def _quantity(record: Mapping[str, Any]) -> tuple[str, ...]:
     value = "" if record["fine"] is None else f"{record['fine']:.4g}"
     relative = "" if record["relative_error"] is None else f"{100 * record['relative_error']:.2g} %"
-    return record["title"], record["unit"], value, *(f"{record[key]:.2g}" for key in ("trend", "scatter", "error")), relative
+    parts = (f"{record[key]:.2g}" for key in ("trend", "scatter", "ground", "error"))
+    return record["title"], record["unit"], value, *parts, relative
 
 
 def _map(field: Mapping[str, Any]) -> tuple[str, ...]:

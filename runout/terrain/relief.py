@@ -153,15 +153,21 @@ def window_sums(values: np.ndarray, width: int) -> np.ndarray:
     return total
 
 
-def stays(two_cell_share: np.ndarray, ratio: float, coarser: float = 1.0) -> np.ndarray:
+def resolved_in(spacing: Sequence[float], cell: Sequence[float]) -> float:
+    """Part of the waves of two cells of a raster with ``cell`` [m] that a grid of this ``spacing`` [m] resolves, 0 to 1."""
+    ratio = max(h / one for h, one in zip(spacing, cell, strict=True))
+    return float(_ramp(np.asarray(2.0 / ratio), RESOLVED))
+
+
+def stays(two_cell_share: np.ndarray, resolved: float, coarser: float = 1.0) -> np.ndarray:
     """How much of each elevation stays unfiltered, 0 to 1, by the share of waves of two cells.
 
-    ``ratio`` is that of the cells of grid and raster, ``coarser`` that of the cells of the grid and those of the share. All of it
+    ``resolved`` is :func:`resolved_in`, ``coarser`` the ratio of the cells of the grid and those of the share. All of it
     stays where the ground is smooth, and where waves of two cells are resolved and no more than those of terrain.
     """
     long, short = (math.sin(math.pi / (cells * max(1.0, coarser))) ** 2 for cells in SMOOTH)
     smooth, terrain = 1.0 - _ramp(two_cell_share, (long, short)), 1.0 - _ramp(two_cell_share, ROUGH)
-    return np.maximum(smooth, terrain * _ramp(np.asarray(2.0 / ratio), RESOLVED))
+    return np.maximum(smooth, terrain * resolved)
 
 
 def _ramp(value: np.ndarray, ends: tuple[float, float]) -> np.ndarray:

@@ -41,7 +41,7 @@ def sliding_surface(
     box, top = _extent(terrain, thickness_excavated, mass, raster.count)
     box = crest_window(raster.means, raster.sizes, box, top, mass.angle if mass else 0.0, most_cells(raster.sizes, raster.grid))
     made_of = [raster.elevation] if raster.count == (1, 1) else [raster.means.T, raster.filtered.T]
-    key = content_key(*made_of, np.array([*raster.sizes, *raster.grid]), np.array([raster.count, *box]))
+    key = content_key(*made_of, np.array([*raster.sizes, *raster.grid, raster.resolved]), np.array([raster.count, *box]))
     return GROUNDS.get(key, lambda: _with_crests(raster, box))
 
 
@@ -53,6 +53,7 @@ class _Raster:
     grid: tuple[float, float]
     count: tuple[int, int]  # cells in a mean: as many as a cell of the grid holds whole
     means: np.ndarray  # (mx, my): means of so many cells [m]
+    fine_relief: float | None = None  # part of the waves of two cells that stays, 0 to 1; None: by the grid
 
     @property
     def sizes(self) -> tuple[float, float]:
@@ -87,11 +88,16 @@ class _Raster:
         east, north = (relief.filter_weights(count, width, self._places(axis)) for axis, (count, width) in axes)
         return relief.along_both(north[:, ::-1], self.elevation, east).T
 
+    @property
+    def resolved(self) -> float:
+        """Part of the waves of two cells of the raster that stays, 0 to 1."""
+        return relief.resolved_in(self.grid, self.cell) if self.fine_relief is None else self.fine_relief
+
     @cached_property
     def stays(self) -> np.ndarray:
         """How much of each mean stays unfiltered, 0 to 1, whether it stands out or not."""
-        ratio, coarser = (max(h / one for h, one in zip(self.grid, sizes, strict=True)) for sizes in (self.cell, self.sizes))
-        return by_blocks(lambda share: relief.stays(share, ratio, coarser), relief.two_cell_share(self.means), (0, 0))
+        coarser = max(h / one for h, one in zip(self.grid, self.sizes, strict=True))
+        return by_blocks(lambda share: relief.stays(share, self.resolved, coarser), relief.two_cell_share(self.means), (0, 0))
 
     def surface(self) -> Surface:
         """The surface of the relief that the grid can carry, on its nodes; on the cells of the raster if these are coarser."""
@@ -208,7 +214,7 @@ def _raster(terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: t
     if (east, north) != (1, 1):
         weights = relief.mean_weights(z.shape[0], north)[:, ::-1], relief.mean_weights(z.shape[1], east)
         means = relief.along_both(weights[0], z, weights[1]).T
-    return _Raster(z, terrain.cell_size, (float(spacing[0]), float(spacing[1])), (east, north), means)
+    return _Raster(z, terrain.cell_size, (float(spacing[0]), float(spacing[1])), (east, north), means, terrain.fine_relief)
 
 
 def _extent(

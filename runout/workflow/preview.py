@@ -112,10 +112,13 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
         console.print(f"inflow    {one.name}: {one.statement(spacing_of(grid['cell_size']))}", markup=False)
     if found.resolution and not found.resolution.is_coarse:  # else a warning states it
         console.print(f"flow      about {found.resolution.statement()}", markup=False)
-    for line in lines(site.settings.simulation.accuracy, data.masses, grid, particles):
+    measured = read_convergence(study.results)
+    if measured:
+        require_error_bars(measured, study.results / "convergence.json")
+    for line in lines(site.settings.simulation.accuracy, data.masses, grid, particles, measured):
         console.print(line, markup=False)
-    if measured := read_convergence(study.results):
-        size = require_error_bars(measured, study.results / "convergence.json")["levels"][-1]["cell_size"][0]
+    if measured:
+        size = measured["levels"][-1]["cell_size"][0]
         console.print(f"          measured on this site, cells of {size:g} m: {'; '.join(statements(measured))}", markup=False)
     stated = site.materials(data.releases)
     for line in check_stiffness.lines(stated, found.stiffness, [r.name for r in data.releases]):

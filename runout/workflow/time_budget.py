@@ -20,7 +20,7 @@ from runout.config.schema import LARGEST_NET
 from runout.ensemble.design import Design
 from runout.errors import BudgetError, CapacityError, ConfigError
 from runout.forecast.accuracy import FEWEST_MEASURED, Preset, expected_errors
-from runout.forecast.numerical_error import read_convergence, require_error_bars
+from runout.forecast.numerical_error import measured_errors, read_convergence, require_error_bars
 from runout.forecast.sampling_error import median_error
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
@@ -247,12 +247,9 @@ class TimeBudget:
     def numerical_error(self, size: tuple[float, float, float], through: float) -> float:
         """Error bar of the run-out by the grid [1]: measured on this site, else expected of its cells."""
         measured = read_convergence(self.results)
-        if measured and "f99" in measured.get("quantities", {}):
-            content = require_error_bars(measured, self.results / "convergence.json")
-            error = content["quantities"]["f99"].get("relative_error")
-            if error:
-                return float(error) * size[0] / float(content["levels"][-1]["cell_size"][0])
-        return expected_errors(through)[1]
+        if measured:
+            require_error_bars(measured, self.results / "convergence.json")
+        return measured_errors(measured, size[0])[1] or expected_errors(through)[1]
 
     def sampling_error(self, spread: float, members: int) -> float:
         """Error bar of the run-out by the number of members [1]; 0 where no parameter is sampled."""

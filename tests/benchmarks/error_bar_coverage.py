@@ -6,6 +6,9 @@ A case is a site at a basal friction angle with a number of grid cells through t
 the runs of `runout verify SITE --convergence`, on other shifts in each case. Its true value is the mean of two shifted runs on a
 finer grid; half their distance is the noise of the true value.
 
+`--true RECORD` takes the true values, and the differences from them, of an earlier record whose runs of the site's own grid are
+the same; then only the bars are made anew.
+
 Each run is a file in DIR/runs. A second call does those that are missing, so take another folder for another version. Calls with
 other `--cases` may share a folder and run at the same time, one on a GPU; a last call with all cases makes the record. Copy
 DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/forecast/accuracy.py, then run
@@ -21,7 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -33,7 +36,7 @@ from docs.pages.error_bars import FILE, coverage
 from runout.forecast import numerical_error
 from runout.forecast.numerical_error import MAP
 from runout.io.atomic import whole_file, write_json
-from runout.studies.convergence import SHIFT, Run, bars, plan, relative_l1, run_once
+from runout.studies.convergence import SHIFT, Run, bars, grounds, paired, plan, relative_l1, run_once
 
 SITES = Path(__file__).parents[2] / "sites"
 CHOSEN_BY = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]
@@ -48,12 +51,13 @@ SMALL_CELLS, SMALL_TRUTH = (0.6, 0.75), 1.5
 END_TIME = 60.0  # [s]
 TRUTHS = 2  # runs of a true value
 OFFSET = 0.23  # shift for a degree of friction [cells]
-KEPT = ("flow_thickness", "speed")  # maps of a run
+KEPT = ("flow_thickness", "speed", "pressure")  # maps of a run
+LAYERS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0)  # least thickness on the fine grid of the parts of a bias [m]
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run: case, cells through the thickness in the case, cell size over that, and number; negative for the true value."""
+    """One run: case, cells through the thickness in it, cell size over that, number, negative for the true value, and ground."""
 
     site: str
     friction: float
@@ -63,12 +67,14 @@ class Task:
     end_time: float
     backend: str
     device: str
+    fine_relief: float | None = None  # part of the waves of two cells of the raster; None: by the grid
 
     @property
     def path(self) -> str:
         """File name."""
         case = f"{Path(self.site).name}_{self.friction:g}_{self.cells:g}"
-        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}.npz"
+        ground = "" if self.fine_relief is None else f"_{self.fine_relief:.3g}"
+        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}{ground}.npz"
 
     @property
     def shift(self) -> float:
@@ -81,10 +87,11 @@ class Task:
         if path.is_file():
             return 0.0
         arguments, thresholds = problem(self.site, self.friction)
-        depth = sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"])
         single = {"threads": 1} if self.device == "cpu" else {}
-        changed = {"cell_size": depth / self.cells, "end_time": self.end_time, "backend": self.backend, "device": self.device}
-        made = run_once({**arguments, **changed, **single}, self.ratio, self.shift, abs(self.number), thresholds)
+        changed = {name: getattr(self, name) for name in ("end_time", "backend", "device")}
+        changed["cell_size"] = spacing(self.site, self.cells)
+        how = self.ratio, self.shift, abs(self.number), thresholds, None, self.fine_relief
+        made = run_once({**arguments, **changed, **single}, *how)
         with whole_file(path) as temporary, temporary.open("wb") as file:
             maps = {name: made.maps[name].astype(np.float32) for name in KEPT}
             facts = {"seconds": made.seconds, "particles": made.particles, "engine": f"{self.backend} on {self.device}"}
@@ -96,7 +103,7 @@ class Task:
 def finished(task: Task, folder: Path) -> Run:
     """The run of a task, read once."""
     with np.load(folder / task.path) as content:
-        maps = {name: content[name] for name in KEPT}
+        maps = {name: content[name] for name in KEPT if name in content}
         quantities = json.loads(str(content["quantities"]))
         return Run(task.ratio, quantities, maps, float(content["seconds"]), int(content["particles"]))
 
@@ -119,6 +126,19 @@ def problem(site: str, friction: float) -> tuple[dict[str, Any], Sequence[float]
         known = read_site(SITES / site if (SITES / site).is_dir() else Path(site))
         arguments = known.member_arguments({"basal_friction_angle_deg": friction})
     return {**arguments, "stop": False}, known.settings.hazard.thickness_thresholds
+
+
+def spacing(site: str, cells: float) -> float:
+    """Spacing [m] of a grid with so many cells through the mean thickness of the release."""
+    arguments, _ = problem(site, 15.0)
+    return float(sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"]) / cells)
+
+
+@cache
+def grids(site: str, cells: float) -> tuple[tuple[float, int, float], ...]:
+    """Ratio, number and ground of each run of a case."""
+    terrain, _ = problem(site, 15.0)
+    return tuple(plan(ground=grounds(terrain["terrain"], (spacing(site, cells),) * 2)))
 
 
 def made_site() -> dict[str, Any]:
@@ -158,7 +178,9 @@ def tasks(cases: Sequence[str], cells: Sequence[float], truth: float, **run: Any
         for friction in map(float, angles.split(",")):
             by_name[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
             for through in cells:
-                by_name[site, friction, through] = [Task(site, friction, through, ratio, number, **run) for ratio, number in plan()]
+                by_name[site, friction, through] = [
+                    Task(site, friction, through, ratio, k, fine_relief=part, **run) for ratio, k, part in grids(site, through)
+                ]
     return by_name
 
 
@@ -177,15 +199,24 @@ def finish(plans: Mapping[Any, Sequence[Task]], folder: Path, processes: int) ->
             print(f"{k + 1} of {len(jobs)}: {jobs[job].path}, {job.result():.1f} s", flush=True)
 
 
-def cases_of(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[dict[str, Any]]:
-    """Bar, true value with its noise, difference, and whether the bar holds it, for each quantity of each case."""
+def cases_of(
+    plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path, known: Sequence[Mapping[str, Any]] = ()
+) -> Iterator[dict[str, Any]]:
+    """Bar, true value with its noise, difference, and whether the bar holds it, for each quantity of each case.
+
+    ``known``: cases of an earlier record, whose true values and differences are taken.
+    """
     for (site, friction, cells), each in plans.items():
         if cells != truth:
-            true = [finished(task, folder) for task in plans[site, friction, truth]]
-            runs = [finished(task, folder) for task in each]
-            for case in judged(runs, true):
-                held_out = friction not in angles_of(CHOSEN_BY, site)
-                yield {"site": Path(site).name, "friction": friction, "cells": cells, "held_out": held_out, **case}
+            made = [(task.ratio, task.number, task.fine_relief or 0.0) for task in each]
+            runs, pair = paired([finished(task, folder) for task in each], made)
+            case = {"site": Path(site).name, "friction": friction, "cells": cells}
+            if known:
+                quantities = judged_again(runs, pair, [one for one in known if case.items() <= one.items()])
+            else:
+                quantities = judged(runs, pair, [finished(task, folder) for task in plans[site, friction, truth]])
+            for quantity in quantities:
+                yield {**case, "held_out": friction not in angles_of(CHOSEN_BY, site), **quantity}
 
 
 def angles_of(cases: Sequence[str], site: str) -> tuple[float, ...]:
@@ -193,10 +224,13 @@ def angles_of(cases: Sequence[str], site: str) -> tuple[float, ...]:
     return tuple(float(angle) for case in cases if case.startswith(f"{site}:") for angle in case.split(":")[1].split(","))
 
 
-def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
-    """Each quantity with the error bar of ``runs``, the finest last, and its difference from the mean of the true runs."""
+def judged(runs: Sequence[Run], pair: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    """Each quantity with the error bar of ``runs``, the finest last, and its difference from the mean of the true runs.
+
+    ``pair`` is that of :func:`runout.studies.convergence.paired`.
+    """
     fine = runs[-1]
-    for name, bar in bars(runs).items():
+    for name, bar in bars(runs, pair).items():
         if name == MAP:
             maps = [run.maps["flow_thickness"] for run in true]
             mean, value = np.mean(maps, axis=0), None
@@ -211,15 +245,57 @@ def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]
             yield {"quantity": name, **bar.as_dict(name), **entry, "holds": bool(difference <= bar.error)}
 
 
-def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[str]:
+def judged_again(runs: Sequence[Run], pair: Sequence[Run], known: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Each quantity of earlier cases with the error bar of ``runs``, as :func:`judged`; maps have the earlier difference."""
+    error_bars = bars(runs, pair)
+    for case in known:
+        bar = error_bars[case["quantity"]]
+        difference = case["difference"] if bar.fine is None else abs(case["truth"] / bar.fine - 1.0)
+        entry = {"truth": case["truth"], "noise": case["noise"], "difference": difference, "holds": difference <= bar.relative}
+        yield {"quantity": case["quantity"], **bar.as_dict(case["quantity"]), **entry}
+
+
+def constants(
+    plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path, known: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
     """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
     for safety, of_map, scatters, share in product((1.0, 1.25, 1.5), (1.25, 1.5, 1.75, 2.0), (1.0, 2.0), (0.25, 0.35, 0.45, 0.6)):
         with patch.multiple(numerical_error, SAFETY=safety, MAP_SAFETY=of_map, SCATTERS=scatters, SHARE=share):
-            cases = list(cases_of(plans, truth, folder))
+            cases = list(cases_of(plans, truth, folder, known))
         content, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
         sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
         chosen = f"SAFETY {safety:g} MAP_SAFETY {of_map:g} SCATTERS {scatters:g} SHARE {share:g}"
         yield f"{chosen}: {content['holds']:.3f} ({', '.join(sites)}), ratio {content['ratio']:.2f}"
+
+
+def bias_by_thickness(run: Run, true: Run) -> list[dict[str, float]]:
+    """Parts of the bias [1] of speed and pressure against a finer grid, by the largest thickness there.
+
+    With the number of cells that either reaches, the number that both reach, and the bias of speed in those.
+    """
+    thickness, rows = np.nan_to_num(true.maps["flow_thickness"]), []
+    speeds = run.maps["speed"], true.maps["speed"]
+    for least, most in pairwise((*LAYERS, np.inf)):
+        either = (thickness >= least) & (thickness < most) & (np.maximum(*speeds) > 0)
+        both = either & (np.minimum(*speeds) > 0)
+        row = {"least": least, "cells": int(either.sum()), "both": int(both.sum())}
+        row["bias_where_both"] = float(speeds[0][both].sum() / speeds[1][both].sum() - 1.0) if both.any() else 0.0
+        for name in ("speed", "pressure"):
+            one, other = run.maps[name], true.maps[name]
+            row[name] = float((one[either] - other[either]).sum() / other.sum())
+        rows.append(row)
+    return rows
+
+
+def split_case(case: str, truth: float, folder: Path, run: Mapping[str, Any]) -> dict[str, Any]:
+    """The bias by thickness of SITE:ANGLE:CELLS, against one run of the true value."""
+    site, friction, cells = case.split(":")
+    tried = [Task(site, float(friction), float(through), 1.0, k, **run) for through, k in ((cells, 0), (truth, -1))]
+    for task in tried:
+        task.run(folder)
+    sizes = {"cell_size": spacing(site, float(cells)), "true_cell_size": spacing(site, truth)}
+    layers = bias_by_thickness(*(finished(task, folder) for task in tried))
+    return {"site": Path(site).name, "friction": float(friction), **sizes, "layers": layers}
 
 
 def expected_errors(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -235,7 +311,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
     return {
         "machine": machine(),
         "versions": versions(),
-        **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time")},
+        **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time", "bias_by_thickness")},
         "seconds": {"runs": round(seconds), "wall": round(wall)},
         "coverage": coverage(cases),
         "coverage_held_out": coverage([case for case in cases if case["held_out"]] or cases),
@@ -244,8 +320,8 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
-    """Make all runs, and write the record."""
+def options() -> argparse.ArgumentParser:
+    """Options of the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of runs and record")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
@@ -255,20 +331,31 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--cases", nargs="+", help="SITE:ANGLE,ANGLE with made, avakot, a name below sites/ or the path of a site")
     parser.add_argument("--cells", nargs="+", type=float, help="cells through the mean thickness, one case each")
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
+    parser.add_argument("--true", type=Path, help="earlier record of the true values, which are not run")
+    parser.add_argument("--split", help="SITE:ANGLE:CELLS whose bias of speed and pressure is split by thickness")
     parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
     parser.add_argument("--end-time", type=float, default=END_TIME)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
+    """Make all runs, and write the record."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    chosen = parser.parse_args(words)
-    chosen.options = " ".join(words).replace(str(chosen.out), "DIR")
+    chosen = options().parse_args(words)
+    chosen.options = " ".join(words).replace(str(chosen.out), "DIR").replace(str(chosen.true), "RECORD")
     chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
     run = {name: getattr(chosen, name) for name in ("end_time", "backend", "device")}
     named, cells = chosen.cases or (SMALL if chosen.small else CASES), chosen.cells or (SMALL_CELLS if chosen.small else CELLS)
     started, plans, folder = time.perf_counter(), tasks(named, cells, chosen.truth, **run), chosen.out / "runs"
+    known = json.loads(chosen.true.read_text())["cases"] if chosen.true else []
+    if known:
+        plans = {case: each for case, each in plans.items() if case[2] != chosen.truth}
     finish(plans, folder, chosen.processes)
     chosen.engines = engines(plans, folder)
     seconds = sum(finished(task, folder).seconds for each in plans.values() for task in each)
-    content = record(list(cases_of(plans, chosen.truth, folder)), seconds, time.perf_counter() - started, chosen)
-    for line in constants(plans, chosen.truth, folder) if chosen.constants else ():
+    chosen.bias_by_thickness = split_case(chosen.split, chosen.truth, folder, run) if chosen.split else None
+    content = record(list(cases_of(plans, chosen.truth, folder, known)), seconds, time.perf_counter() - started, chosen)
+    for line in constants(plans, chosen.truth, folder, known) if chosen.constants else ():
         print(line, flush=True)
     print(write_json(content, chosen.out / FILE), json.dumps(content["coverage"]), json.dumps(content["expected"]))
     return content

@@ -73,19 +73,30 @@ def test_work_grows_with_the_fourth_power_of_the_cells():
 
 def test_lines_tell_the_cells_and_what_every_preset_would_cost():
     grid = {"cell_size": chosen_cell_size("standard", [WIDE]), "cfl": 0.6, "particles_per_cell": (2, 2, 4)}
-    said = lines("standard", [WIDE], grid, lambda height: (2, 2, 4))
+    said = lines("standard", [WIDE], grid, lambda height: (2, 2, 4), {})
     assert "accuracy standard: cells of 26 m with 2 x 2 x 4 particles, 1.5 through the mean thickness of 40 m" in said[0]
     assert "standard: 26 m with 2 x 2 x 4, 1 times this work" in said[2]
     assert f"± {100 * expected_errors(40 / 26)[1]:.2g} % of the run-out" in said[0]
     assert f"± {100 * expected_errors(40 / 13)[0]:.2g} % of the thickness map" in said[3]
     assert BOUNDS in said[-1]
-    flat = lines(None, [WIDE], {**grid, "cell_size": (20.0, 20.0, 10.0)}, lambda height: (2, 2, 4))
+    flat = lines(None, [WIDE], {**grid, "cell_size": (20.0, 20.0, 10.0)}, lambda height: (2, 2, 4), {})
     assert flat[0].startswith("grid      cells of 20 x 20 x 10 m with 2 x 2 x 4 particles, 4.0")
-    thin = lines(None, [WIDE], {**grid, "cell_size": 100.0}, lambda height: (2, 2, 4))
+    thin = lines(None, [WIDE], {**grid, "cell_size": 100.0}, lambda height: (2, 2, 4), {})
     assert "0.4 through the mean thickness of 40 m; expected numerical error not known with fewer than 0.7 cells" in thin[0]
-    level = lines(None, [WIDE], grid, lambda height: (3, 3, 1) if height < 20 else (2, 2, 4))
+    level = lines(None, [WIDE], grid, lambda height: (3, 3, 1) if height < 20 else (2, 2, 4), {})
     assert "standard: 26 m with 2 x 2 x 4, 1 times" in level[2]
     assert "high: 13 m with 3 x 3 x 1, 9 times" in level[3]
+
+
+def test_lines_state_the_errors_that_a_site_has_measured_at_all_cells():
+    grid = {"cell_size": 26.0, "cfl": 0.6, "particles_per_cell": (2, 2, 4)}
+    quantities = {"f99": {"relative_error": 0.05}, "thickness_map": {"relative_error": 0.12}}
+    measured = {"quantities": quantities, "levels": [{"cell_size": [52.0] * 3}, {"cell_size": [26.0] * 3}]}
+    said = lines("standard", [WIDE], grid, lambda height: (2, 2, 4), measured)
+    assert "measured numerical error ± 5 % of the run-out, ± 12 % of the thickness map" in said[0]
+    assert said[0].endswith(said[2].split("; ")[1])  # the preset has the same cells
+    assert "± 2.5 % of the run-out, ± 6 % of the thickness map" in said[3]  # half the cells
+    assert not any("expected" in line.lower() for line in said)
 
 
 def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):

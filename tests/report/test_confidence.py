@@ -82,9 +82,11 @@ def test_what_is_not_known_is_said(study):
 
 
 def test_measured_error_of_the_grid_takes_the_place_of_the_expected_one(study):
-    bars = {"quantities": {"f99": {"relative_error": 0.42}}, "levels": []}
-    changed = dataclasses.replace(with_runouts(study, 1000.0 + np.arange(7.0)), convergence=bars)
-    assert shares(parts(changed, SETTINGS))[GRID] == 0.42
+    size = SETTINGS["simulation"]["cell_size"]
+    for measured, error in ((size, 0.42), (2.0 * size, 0.21)):  # of the cells of this run, and of cells twice as large
+        bars = {"quantities": {"f99": {"relative_error": 0.42}}, "levels": [{"cell_size": [measured] * 3}]}
+        changed = dataclasses.replace(with_runouts(study, 1000.0 + np.arange(7.0)), convergence=bars)
+        assert shares(parts(changed, SETTINGS))[GRID] == pytest.approx(error)
 
 
 def test_the_report_begins_with_the_sentence(site, results):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runout.forecast.numerical_error import MAP, MAP_SAFETY, ORDER, SAFETY, SHARE, ErrorBar, fitted, statements
+from runout.forecast.numerical_error import MAP, MAP_SAFETY, ORDER, SAFETY, SHARE, ErrorBar, fitted, measured_errors, statements
 
 RATIOS = (2.0, 2.0, 1.7, 1.7, 1.4, 1.4, 1.2, 1.0)
 
@@ -37,6 +37,19 @@ def test_nine_of_ten_bars_hold_with_a_map_as_uncertain_as_the_value(order, noise
     assert held >= 0.93
 
 
+def test_relief_that_finer_grids_meet_widens_bars_of_values_and_maps():
+    bar = ErrorBar.of_value(RATIOS, values(ORDER), 0.0, 4.0)
+    assert bar.error == pytest.approx(SAFETY * 5.0)  # of a trend of 3
+    distances = [0.08 * (r - 1.0) for r in RATIOS[:-1]]
+    assert ErrorBar.of_map(RATIOS[:-1], distances, 0.3).error == pytest.approx(np.hypot(MAP_SAFETY * 0.08, SAFETY * 0.3))
+
+
+def test_measured_errors_follow_the_cells_by_first_order():
+    content = {"quantities": {"f99": {"relative_error": 0.1}}, "levels": [{"cell_size": [20.0] * 3}, {"cell_size": [10.0] * 3}]}
+    assert measured_errors(content, 5.0) == (None, pytest.approx(0.05))
+    assert measured_errors({}, 5.0) == (None, None)
+
+
 def test_a_value_that_turns_between_the_grids_keeps_its_share_of_the_error_of_the_map():
     """Values of 97, 100, 97 have no trend at the middle of a parabola."""
     turning = [100.0 - 3.0 * (2.0 * r - 3.0) ** 2 for r in (2.0, 1.5, 1.0)]
@@ -63,7 +76,7 @@ def test_a_value_of_zero_has_no_relative_error():
 
 
 def test_statements_name_quantity_value_bar_and_unit():
-    front, field = ErrorBar(1347.2, 80.0, 22.0, 123.0), ErrorBar(None, 0.06, 0.02, 0.08)
+    front, field = ErrorBar(1347.2, 80.0, 22.0, 0.0, 123.0), ErrorBar(None, 0.06, 0.02, 0.0, 0.08)
     found = {"quantities": {"f99": front.as_dict("f99"), MAP: field.as_dict(MAP)}}
     assert list(statements(found)) == [
         "run-out of 99 % of the mass 1347 ± 120 m (9.1 %)",

@@ -1,5 +1,7 @@
 """Relief that a grid cannot carry: what the filter takes out, what it leaves, and that no answer turns on the grid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,10 +98,10 @@ def test_smooth_ground_stays_and_rough_ground_is_filtered():
     x = np.arange(60.0)
     hills = 10 * np.sin(2 * np.pi * x / 20)[:, None] * np.cos(2 * np.pi * x / 16)
     noise = np.random.default_rng(2).normal(0.0, 1.0, hills.shape)
-    for ratio in (0.3, 1.0, 3.0):
-        assert relief.stays(relief.two_cell_share(hills), ratio)[6:-6, 6:-6].min() == 1.0
-        assert relief.stays(relief.two_cell_share(hills + 0.8 * noise), ratio)[8:-8, 8:-8].max() < 0.5
-        assert relief.stays(relief.two_cell_share(noise), ratio).max() == 0.0
+    for resolved in (relief.resolved_in((ratio, ratio), (1.0, 1.0)) for ratio in (0.3, 1.0, 3.0)):
+        assert relief.stays(relief.two_cell_share(hills), resolved)[6:-6, 6:-6].min() == 1.0
+        assert relief.stays(relief.two_cell_share(hills + 0.8 * noise), resolved)[8:-8, 8:-8].max() < 0.5
+        assert relief.stays(relief.two_cell_share(noise), resolved).max() == 0.0
 
 
 def test_relief_that_the_grid_resolves_stays_where_it_is_that_of_terrain():
@@ -110,10 +112,22 @@ def test_relief_that_the_grid_resolves_stays_where_it_is_that_of_terrain():
     waves = np.fft.fft2(random.standard_normal((n, n)))
     terrain, rough = (np.fft.ifft2(waves * np.where(f < 0.02, 0.0, f**-power)).real for power in (2.4, 1.0))
     for ratio, least in ((0.5, 0.9), (0.25, 0.9)):
-        assert np.mean(relief.stays(relief.two_cell_share(terrain), ratio)) > least
-        assert np.mean(relief.stays(relief.two_cell_share(rough), ratio)) < 0.1
+        resolved = relief.resolved_in((ratio, ratio), (1.0, 1.0))
+        assert np.mean(relief.stays(relief.two_cell_share(terrain), resolved)) > least
+        assert np.mean(relief.stays(relief.two_cell_share(rough), resolved)) < 0.1
     for ratio in (0.7, 1.0, 3.0):
-        assert np.mean(relief.stays(relief.two_cell_share(terrain), ratio)) < 0.2
+        assert np.mean(relief.stays(relief.two_cell_share(terrain), relief.resolved_in((ratio, 0.1), (1.0, 1.0)))) < 0.2
+
+
+def test_ground_of_a_coarse_grid_can_keep_the_relief_of_a_fine_one():
+    """Natural waves of two cells come back with ``fine_relief``; a grid that resolves them has the same ground either way."""
+    natural = np.random.default_rng(4).normal(size=(64, 64)).cumsum(0).cumsum(1)
+    terrain = Terrain.from_array(natural, CELL)
+    kept, coarse, fine = replace(terrain, fine_relief=1.0), (1.2 * CELL, 1.2 * CELL), (0.5 * CELL, 0.5 * CELL)
+    grounds = [sdf.raster_surface(one, None, coarse).coefficients for one in (terrain, replace(terrain, fine_relief=0.0), kept)]
+    np.testing.assert_array_equal(grounds[0], grounds[1])
+    assert np.abs(grounds[2] - grounds[0]).max() > 0.1
+    np.testing.assert_array_equal(*(sdf.sliding_surface(one, None, fine).surface.coefficients for one in (terrain, kept)))
 
 
 def test_relief_of_the_ground_does_not_turn_on_the_ratio_of_cell_and_raster():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from ramp_site import write_site
 
-from runout import cli, read_site
+from runout import Terrain, cli, read_site
 from runout.errors import ConfigError
 from runout.forecast.accuracy import BOUNDS
-from runout.forecast.numerical_error import MAP_SAFETY, ORDER, statements
+from runout.forecast.numerical_error import MAP_SAFETY, ORDER, SAFETY, statements
 from runout.scores.flow import BAR_MAPS
 from runout.studies import convergence
 from runout.studies.convergence import area_above, compared
@@ -67,20 +67,53 @@ def made_up(calls, site, escaped=0.0):
 def test_study_runs_shifted_coarser_grids_and_finds_trends(ramp):
     site, calls, seen = read_site(ramp), [], []
     found = convergence.study(site, coarser=(1.5, 2.25, 2.25), simulate=made_up(calls, site), progress=seen.append)
-    assert [h for h, _, _ in calls] == [22.5, 22.5, 15.0, 10.0]
-    assert [lift for _, lift, _ in calls] == pytest.approx([0.382, 0.764, 0.146, 0.0], abs=1e-5)
+    assert [h for h, _, _ in calls] == [15.0, 22.5, 22.5, 15.0, 10.0]  # the first on the ground of finer grids
+    assert [lift for _, lift, _ in calls] == pytest.approx([0.146, 0.382, 0.764, 0.146, 0.0], abs=1e-5)
     assert len({seed for _, _, seed in calls}) == 4
     front, depth = found["quantities"]["f99"], found["quantities"]["thickness_map"]
     assert front["trend"] == pytest.approx(0.5 * 10.0**ORDER, rel=1e-4)
     assert front["scatter"] == pytest.approx(0.0, abs=0.01)
     assert depth["error"] == pytest.approx(MAP_SAFETY * 10.0 / 1010.0, rel=1e-4)  # thickness of 10 in a map of 1010
-    assert [level["cell_size"][0] for level in found["levels"]] == [22.5, 22.5, 15.0, 10.0]
+    assert [level["cell_size"][0] for level in found["levels"]] == [15.0, 22.5, 22.5, 15.0, 10.0]
     thickness = next(field for field in found["fields"] if field["map"] == "flow_thickness")
     assert thickness["ratio"] == 1.5
     assert thickness["error_over_difference"] == pytest.approx(MAP_SAFETY * 2.0)  # half a cell finer than the other grid
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
     assert any("run-out of 99 % of the mass 115.8" in line for line in statements(found))
+
+
+def test_relief_that_finer_grids_meet_is_a_part_of_the_error(ramp, monkeypatch):
+    """One more run, of the grid nearest to 1.2, has the relief; here it stops the mass 30 m earlier."""
+    site, calls = read_site(ramp), []
+    plain = made_up(calls, site)
+
+    def simulate(terrain, **arguments):
+        result = plain(terrain=terrain, **arguments)
+        if terrain.fine_relief == 1.0:
+            place = result.state.position(0.0) - np.array([30.0, 0.0, 0.0])
+            result.state = SimpleNamespace(mass=result.state.mass, position=lambda spacing: place)
+        else:
+            assert terrain.fine_relief == 0.25
+        return result
+
+    monkeypatch.setattr(convergence, "grounds", lambda terrain, spacing: (0.25, 1.0))
+    found = convergence.study(site, coarser=(1.5, 2.25), simulate=simulate)
+    assert [h for h, _, _ in calls] == [15.0, 22.5, 15.0, 10.0]
+    assert calls[0] == calls[2]  # one grid at one place, on two grounds
+    front = found["quantities"]["f99"]
+    assert front["ground"] == pytest.approx(30.0)
+    assert front["trend"] == pytest.approx(0.5 * 10.0**ORDER, rel=1e-4)  # of the runs on one ground
+    assert front["error"] >= SAFETY * np.hypot(front["trend"], 30.0)
+    assert front["error"] < 1.1 * SAFETY * np.hypot(front["trend"], 30.0)
+
+
+def test_a_study_has_a_second_ground_where_finer_grids_meet_more_relief():
+    natural = np.random.default_rng(4).normal(size=(64, 64)).cumsum(0).cumsum(1)
+    rough, plane = Terrain.from_array(natural, 10.0), Terrain.from_array(np.add.outer(np.arange(30.0), np.arange(30.0)), 10.0)
+    assert convergence.grounds(rough, (12.0, 12.0)) == (0.0, 1.0)
+    assert convergence.grounds(rough, (5.0, 5.0)) == (1.0,)
+    assert convergence.grounds(plane, (12.0, 12.0)) == (0.0,)
 
 
 @pytest.mark.parametrize(("escaped", "known"), [(0.005, True), (0.02, False), (1.0, False)])
@@ -133,6 +166,9 @@ def test_command_check_and_page_state_one_error_of_the_site(ramp, capsys, monkey
     checked = " ".join(capsys.readouterr().out.split())
     assert f"measured on this site, cells of {found['levels'][-1]['cell_size'][0]:g} m: " in checked
     assert front in checked
+    front, of_map = (100 * found["quantities"][name]["relative_error"] for name in ("f99", "thickness_map"))
+    assert f"measured numerical error ± {front:.2g} % of the run-out, ± {of_map:.2g} % of the thickness map" in checked
+    assert "expected numerical error" not in checked
     assert BOUNDS in checked
 
 
