@@ -68,6 +68,8 @@ class Store:
         [m]
     pore_left, pore_excess : (particles,), or None
         Pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene.
+    pore_present : (slots,), or None
+        As ``pore_left``, by slot, within a transfer; None before the first one.
     """
 
     particles: groups.Particles
@@ -82,6 +84,7 @@ class Store:
     largest_radius: float
     pore_left: np.ndarray | None = None
     pore_excess: np.ndarray | None = None
+    pore_present: np.ndarray | None = None
 
     @classmethod
     def of(cls, slots: int, end: int, n: int, scene: Scene) -> "Store":
@@ -128,6 +131,12 @@ class Store:
         if self.pore_excess is not None:
             self.pore_excess = _one_for_all(self.pore_excess).copy()
 
+    def pore_by_slot(self, in_order: bool) -> np.ndarray:
+        """Place for what remains of the excess pressure, by slot; none unless the particles are ``in_order`` of a transfer."""
+        if self.pore_present is None or len(self.pore_present) != len(self.particles.cell):
+            self.pore_present = np.zeros(len(self.particles.cell), self.particles.rec.dtype)
+        return self.pore_present if in_order else self.pore_present[:0]
+
     @property
     def slots(self) -> int:
         """Number of slots."""
@@ -162,7 +171,7 @@ class Store:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess}
+        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess, "pore_present": self.pore_present}
         pores = {name: values for name, values in own.items() if values is not None}
         return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes, **pores)
 
