@@ -70,4 +70,5 @@ def _store(scene: Scene, state: State) -> Store:
     for name in BY_SLOT:
         if name not in SCRATCH:
             getattr(particles, name)[: len(saved[name])] = saved[name]
-    return Store(particles, **numbers)
+    present = np.zeros(len(particles.cell), scene.dtype) if scene.is_wet else None
+    return Store(particles, **numbers, pore_present=present)

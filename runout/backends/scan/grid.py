@@ -120,9 +120,9 @@ def drain(k: SimpleNamespace, blocks: Blocks, workspace: Workspace, tables: Tabl
 
 def pores_of(store: Store, tables: Tables, workspace: Workspace, in_order: bool) -> Pores | tuple[()]:
     """Pore pressure of the particles as kernels take it, by slot where these are ``in_order``; empty in a dry scene."""
-    if not workspace.layers or store.pore_left is None or store.pore_excess is None:
+    if not workspace.layers or store.pore_left is None or store.pore_excess is None or store.pore_present is None:
         return ()
-    by_slot = store.pore_by_slot(in_order)
+    by_slot = store.pore_present if in_order else store.pore_present[:0]
     return Pores(store.pore_left, store.pore_excess, tables.pores, workspace.layers.fading, by_slot)
 
 

@@ -69,7 +69,7 @@ class Store:
     pore_left, pore_excess : (particles,), or None
         Pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene.
     pore_present : (slots,), or None
-        As ``pore_left``, by slot, within a transfer; None before the first one.
+        As ``pore_left``, by slot, within a transfer of several substeps; None in a dry scene.
     """
 
     particles: groups.Particles
@@ -94,7 +94,8 @@ class Store:
             force=_zeros(n, 4, scene.dtype), radius=radius, label=np.zeros((n, 2), np.int32)
         )
         pores = (np.zeros(n, scene.dtype), np.zeros(n, scene.dtype)) if scene.is_wet else (None, None)
-        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0, *pores)
+        by_slot = _slots(slots, (), scene.dtype) if scene.is_wet else None
+        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0, *pores, by_slot)
 
     def put(self, particle_index: np.ndarray, slots: np.ndarray, p: Particles, scene: Scene) -> None:
         """Put particles with some indices (m,) into the ``slots`` of all; the records hold no stress yet (time step 0)."""
@@ -131,12 +132,6 @@ class Store:
         if self.pore_excess is not None:
             self.pore_excess = _one_for_all(self.pore_excess).copy()
 
-    def pore_by_slot(self, in_order: bool) -> np.ndarray:
-        """Place for what remains of the excess pressure, by slot; none unless the particles are ``in_order`` of a transfer."""
-        if self.pore_present is None or len(self.pore_present) != len(self.particles.cell):
-            self.pore_present = np.zeros(len(self.particles.cell), self.particles.rec.dtype)
-        return self.pore_present if in_order else self.pore_present[:0]
-
     @property
     def slots(self) -> int:
         """Number of slots."""
@@ -151,6 +146,8 @@ class Store:
             grown[name] = _slots(slots, before.shape[1:], before.dtype)
             grown[name][:old] = before[:old]
         self.particles = p._replace(**grown)
+        if self.pore_present is not None:
+            self.pore_present = _slots(slots, (), self.pore_present.dtype)
 
     def move(self, source: np.ndarray, target: np.ndarray) -> None:
         """Move the particles of the slots ``source`` (m,) to the free slots ``target`` (m,)."""
