@@ -13,7 +13,7 @@ Single particles, fewer than share the extent, are mass at a place, not a thickn
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -144,7 +144,7 @@ def placed(
     north, east, total = _inside(total, lattice.first, count)
     mass = total[4] if lanes > 4 else density * total[0]
     inside = BoxSums(lambda: _inside(boxes(), lattice.first, count)[2], north, east, density)
-    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], inside)
+    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], inside, total)
 
 
 def with_mass(found: RasterSums) -> RasterSums:
@@ -177,24 +177,27 @@ def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> R
     """Columns over the cells of the raster under columns ``found`` on the lattice of ``cell`` [m]."""
     if not found.mass.size:
         return found
-    lanes = found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)
+    lanes = found.lanes
+    if lanes is None:
+        lanes = np.stack((found.volume, *np.moveaxis(found.momentum, -1, 0), found.mass, found.depth_volume))
     row, column, shared = shared_by_area(lanes, (found.row, found.column), raster, cell)
-    return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2], found.boxes)
+    mass = shared[4] if len(shared) > 5 or not found.boxes else found.boxes.density * shared[0]
+    return RasterSums(shared[0], mass, np.moveaxis(shared[1:4], 0, -1), row, column, shared[-1], found.boxes)
 
 
 def shared_by_area(
-    sums: Sequence[np.ndarray], first: tuple[int, int], raster: Raster, cell: tuple[float, float]
+    sums: np.ndarray, first: tuple[int, int], raster: Raster, cell: tuple[float, float]
 ) -> tuple[int, int, np.ndarray]:
     """First row and column of the raster, and shares (lanes, rows, columns) in its cells, of ``sums`` on the lattice of ``cell``.
 
-    ``sums``, several times (rows, columns), have their first row and column, from the south and the west, at ``first``.
+    ``sums`` (lanes, rows, columns) have their first row and column, from the south and the west, at ``first``.
     """
-    (north, east), size, (rows, columns) = first, raster.cell_size, sums[0].shape
+    (north, east), size, (rows, columns) = first, raster.cell_size, sums.shape[1:]
     column, *across = _shares(east, columns, cell[0], size[0], raster.columns)
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
     along = [np.ascontiguousarray(values[::-1]) for values in along]  # rows of the raster are from the north
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    loop("share", rows * columns, np.stack(sums), *along, *across, found)
+    loop("share", rows * columns, np.ascontiguousarray(sums), *along, *across, found)
     return raster.rows - south - found.shape[1], column, found
 
 

@@ -96,6 +96,7 @@ class RasterSums:
     column: int = 0
     flowing: np.ndarray | None = None  # [m3] without single particles, the volume that has a thickness; None: all of it
     boxes: "BoxSums | None" = None  # the same particles before they are spread; None without any
+    lanes: np.ndarray | None = None  # volume, momentum (3), mass unless all have one density, and flowing, where one array has them
 
     @property
     def depth_volume(self) -> np.ndarray:

@@ -213,18 +213,19 @@ def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, sha
     """Bring ``sums`` (lanes, rows, columns) of a lattice to the cells of a raster, ``shared`` (lanes, rows, columns).
 
     ``row`` (rows,) is the first row of the lattice under each row of the raster and ``row_part`` (rows, n) its parts that lie in
-    it; ``column`` and ``column_part`` likewise.
+    it; ``column`` and ``column_part`` likewise. Unsigned places let the longest loop, along the lattice, run in vector lanes.
     """
-    count, parts, one = sums.shape[2], column_part.shape[1], np.uint64(1)
+    count, parts, one = np.uint64(sums.shape[2]), column_part.shape[1], np.uint64(1)
     for i in prange(shared.shape[1]):
-        across = np.empty(count + 2 * parts)
+        across = np.empty(sums.shape[2] + 2 * parts)
         for lane in range(sums.shape[0]):
             across[:] = 0.0  # nothing beyond the ends
             for a in range(row_part.shape[1]):
                 part = row_part[i, a]
                 if part > 0.0:
+                    here, begin = np.uint64(row[i] + a), np.uint64(parts)
                     for j in range(count):
-                        across[parts + j] += part * sums[lane, row[i] + a, j]
+                        across[begin + j] += part * sums[np.uint64(lane), here, j]
             for j in range(shared.shape[2]):
                 at = np.uint64(parts + column[j])
                 total = 0.0

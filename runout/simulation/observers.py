@@ -107,7 +107,7 @@ class PeakMaps:
         weight = np.where(came, self.peaks[THICKNESS], 0.0)
         others = weight * np.stack([*self.peaks[THICKNESS + 1 :], *self.shares, np.where(came, self.arrival, 0.0)])
         sums = np.stack([self.peaks[THICKNESS], self.thickness, weight, *others]) * (self.cell[0] * self.cell[1])
-        *_, (thickest, deposit, weight, *others) = footprints.shared_by_area(list(sums), (0, 0), raster, self.cell)
+        *_, (thickest, deposit, weight, *others) = footprints.shared_by_area(sums, (0, 0), raster, self.cell)
         area = raster.cell_size[0] * raster.cell_size[1]
         reached = (thickest / area >= self.arrival_threshold) & (weight > 0)
         *means, arrival = np.where(reached, np.array(others) / np.maximum(weight, np.finfo(float).tiny), 0.0)
