@@ -59,6 +59,7 @@ DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
 AREAS = np.array([EXTENT.areas, DEPTH.areas])
+STRIP = 64  # rows that are looked at together for where the mass ends
 CELLS_OF_A_THREAD = 2**14  # of a loop: a thread of its own pays off for more
 FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 
@@ -148,13 +149,24 @@ def placed(
 
 def with_mass(found: RasterSums) -> RasterSums:
     """The same columns over the part of their window that has mass: a window for moving mass has margins."""
-    rows, columns = (np.flatnonzero(found.mass.any(axis=axis)) for axis in (1, 0))
-    if not rows.size:
+    south, north = _rows_with_mass(found.mass)
+    west, east = _rows_with_mass(found.mass[south:north].T)
+    if south >= north:
         return found
-    south, west = int(rows[0]), int(columns[0])
-    part = slice(south, int(rows[-1]) + 1), slice(west, int(columns[-1]) + 1)
+    part = slice(south, north), slice(west, east)
     lanes = found.volume[part], found.mass[part], found.momentum[part]
     return RasterSums(*lanes, found.row + south, found.column + west, found.depth_volume[part], found.boxes)
+
+
+def _rows_with_mass(mass: np.ndarray) -> tuple[int, int]:
+    """First row with any ``mass`` (rows, columns), and one past the last; looked for from the ends, so that few rows are read."""
+    rows = len(mass)
+    for low in range(0, rows, STRIP):
+        if (reached := mass[low : low + STRIP].any(axis=1)).any():
+            high = next(end for end in range(rows, 0, -STRIP) if mass[max(end - STRIP, 0) : end].any())
+            last = np.flatnonzero(mass[max(high - STRIP, 0) : high].any(axis=1))[-1]
+            return low + int(reached.argmax()), max(high - STRIP, 0) + int(last) + 1
+    return 0, 0
 
 
 def around_nodes(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> NodeSums:
