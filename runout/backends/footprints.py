@@ -60,6 +60,7 @@ REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
 AREAS = np.array([EXTENT.areas, DEPTH.areas])
 STRIP = 64  # rows that are looked at together for where the mass ends
+LARGE = 2**17  # cells of a window of which lanes are read where they lie: to copy them takes longer than all else
 CELLS_OF_A_THREAD = 2**14  # of a loop: a thread of its own pays off for more
 FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 
@@ -148,9 +149,12 @@ def placed(
 
 
 def with_mass(found: RasterSums) -> RasterSums:
-    """The same columns over the part of their window that has mass: a window for moving mass has margins."""
+    """The same columns over the part of their window that has mass, or over whole rows of it where it is large.
+
+    A window for moving mass has margins. Whole rows lie one behind the other in memory.
+    """
     south, north = _rows_with_mass(found.mass)
-    west, east = _rows_with_mass(found.mass[south:north].T)
+    west, east = _rows_with_mass(found.mass[south:north].T) if found.mass.size < LARGE else (0, found.mass.shape[1])
     if south >= north:
         return found
     part = slice(south, north), slice(west, east)
@@ -205,7 +209,11 @@ def shared_by_area(
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
     along = [np.ascontiguousarray(values[::-1]) for values in along]  # rows of the raster are from the north
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    loop("share", rows * columns, np.stack(sums), *along, *across, found)
+    if rows * columns < LARGE:
+        loop("share", rows * columns, np.stack(sums), *along, *across, found)
+        return raster.rows - south - found.shape[1], column, found
+    for k, lane in enumerate(sums):
+        loop("share", rows * columns, np.ascontiguousarray(lane)[None], *along, *across, found[k : k + 1])
     return raster.rows - south - found.shape[1], column, found
 
 

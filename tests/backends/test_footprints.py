@@ -253,3 +253,21 @@ def test_window_of_the_mass_ends_at_its_first_and_last_cell_however_far_inside(s
         assert (narrow.row, narrow.column) == tuple(cells.min(0) + np.array((3, 4)))
         assert narrow.mass.shape == tuple(np.ptp(cells, axis=0) + 1)
         assert narrow.mass.sum() == mass.sum()
+
+
+def test_a_large_window_keeps_whole_rows_and_gives_the_raster_the_bits_of_a_small_one(monkeypatch):
+    rng, raster = np.random.default_rng(5), Raster(30, 40, (10.0, 10.0))
+    total = np.zeros((6, 90, 80))
+    total[:, 7:75, 9:71] = rng.random((6, 68, 62))
+    columns = footprints.placed(total, lambda: total[:5], footprints.Lattice((6, 8), (80, 90), (3.0, 3.0)), raster)
+    found = {}
+    for large in (2**17, 2**10):
+        monkeypatch.setattr(footprints, "LARGE", large)
+        narrow = footprints.with_mass(columns)
+        found[narrow.mass.shape] = footprints.on_whole(footprints.on_raster(narrow, raster, (3.0, 3.0)), raster)
+    assert list(found) == [(68, 62), (68, 80)]
+    assert narrow.volume.flags.c_contiguous
+    small, whole = found.values()
+    assert small.mass.sum() == pytest.approx(total[4].sum())
+    for name in ("volume", "mass", "momentum", "depth_volume"):
+        np.testing.assert_array_equal(getattr(small, name), getattr(whole, name))
