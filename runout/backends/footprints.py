@@ -13,7 +13,7 @@ Single particles, fewer than share the extent, are mass at a place, not a thickn
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -59,6 +59,8 @@ DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
 AREAS = np.array([EXTENT.areas, DEPTH.areas])
+STRIP = 64  # rows that are looked at together for where the mass ends
+LARGE = 2**17  # cells of a window of which lanes are read where they lie: to copy them takes longer than all else
 CELLS_OF_A_THREAD = 2**14  # of a loop: a thread of its own pays off for more
 FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 
@@ -148,14 +150,28 @@ def placed(
 
 
 def with_mass(found: RasterSums) -> RasterSums:
-    """The same columns over the part of their window that has mass: a window for moving mass has margins."""
-    rows, columns = (np.flatnonzero(found.mass.any(axis=axis)) for axis in (1, 0))
-    if not rows.size:
+    """The same columns over the part of their window that has mass, or over whole rows of it where it is large.
+
+    A window for moving mass has margins. Whole rows lie one behind the other in memory.
+    """
+    south, north = _rows_with_mass(found.mass)
+    west, east = _rows_with_mass(found.mass[south:north].T) if found.mass.size < LARGE else (0, found.mass.shape[1])
+    if south >= north:
         return found
-    south, west = int(rows[0]), int(columns[0])
-    part = slice(south, int(rows[-1]) + 1), slice(west, int(columns[-1]) + 1)
+    part = slice(south, north), slice(west, east)
     lanes = found.volume[part], found.mass[part], found.momentum[part]
     return RasterSums(*lanes, found.row + south, found.column + west, found.depth_volume[part], found.boxes)
+
+
+def _rows_with_mass(mass: np.ndarray) -> tuple[int, int]:
+    """First row with any ``mass`` (rows, columns), and one past the last; looked for from the ends, so that few rows are read."""
+    rows = len(mass)
+    for low in range(0, rows, STRIP):
+        if (reached := mass[low : low + STRIP].any(axis=1)).any():
+            high = next(end for end in range(rows, 0, -STRIP) if mass[max(end - STRIP, 0) : end].any())
+            last = np.flatnonzero(mass[max(high - STRIP, 0) : high].any(axis=1))[-1]
+            return low + int(reached.argmax()), max(high - STRIP, 0) + int(last) + 1
+    return 0, 0
 
 
 def around_nodes(sums: np.ndarray, lattice: Lattice, raster: Raster, density: float = 0.0) -> NodeSums:
@@ -179,25 +195,29 @@ def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> R
         return found
     lanes = found.lanes
     if lanes is None:
-        lanes = np.stack((found.volume, *np.moveaxis(found.momentum, -1, 0), found.mass, found.depth_volume))
+        lanes = found.volume, *np.moveaxis(found.momentum, -1, 0), found.mass, found.depth_volume
     row, column, shared = shared_by_area(lanes, (found.row, found.column), raster, cell)
     mass = shared[4] if len(shared) > 5 or not found.boxes else found.boxes.density * shared[0]
     return RasterSums(shared[0], mass, np.moveaxis(shared[1:4], 0, -1), row, column, shared[-1], found.boxes)
 
 
 def shared_by_area(
-    sums: np.ndarray, first: tuple[int, int], raster: Raster, cell: tuple[float, float]
+    sums: np.ndarray | Sequence[np.ndarray], first: tuple[int, int], raster: Raster, cell: tuple[float, float]
 ) -> tuple[int, int, np.ndarray]:
     """First row and column of the raster, and shares (lanes, rows, columns) in its cells, of ``sums`` on the lattice of ``cell``.
 
-    ``sums`` (lanes, rows, columns) have their first row and column, from the south and the west, at ``first``.
+    ``sums``, (lanes, rows, columns) or several times (rows, columns), have their first row and column, from the south and the west, at ``first``.
     """
-    (north, east), size, (rows, columns) = first, raster.cell_size, sums.shape[1:]
+    (north, east), size, (rows, columns) = first, raster.cell_size, sums[0].shape
     column, *across = _shares(east, columns, cell[0], size[0], raster.columns)
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
     along = [np.ascontiguousarray(values[::-1]) for values in along]  # rows of the raster are from the north
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    loop("share", rows * columns, np.ascontiguousarray(sums), *along, *across, found)
+    if isinstance(sums, np.ndarray) or rows * columns < LARGE:
+        loop("share", rows * columns, np.ascontiguousarray(sums), *along, *across, found)
+        return raster.rows - south - found.shape[1], column, found
+    for k, lane in enumerate(sums):
+        loop("share", rows * columns, np.ascontiguousarray(lane)[None], *along, *across, found[k : k + 1])
     return raster.rows - south - found.shape[1], column, found
 
 

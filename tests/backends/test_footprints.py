@@ -11,6 +11,7 @@ from test_columns import overlaps
 
 from runout.backends import footprints
 from runout.backends.footprints import AREAS, DEPTH, EXTENT, SHARING, lattice_cell, loops, on_raster, on_whole
+from runout.backends.protocol import RasterSums
 from runout.model.scene import Raster
 from runout.physics.numerical_scales import footprint_area
 
@@ -239,3 +240,34 @@ def test_columns_over_the_part_with_mass_are_the_same_on_the_raster_bit_by_bit()
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     empty = footprints.placed(np.zeros((6, 24, 30)), lambda: total[:5], window, raster)
     assert footprints.with_mass(empty) is empty
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (64, 200), (300, 65), (129, 128)])
+def test_window_of_the_mass_ends_at_its_first_and_last_cell_however_far_inside(shape):
+    rng = np.random.default_rng(7)
+    for count in (1, 2, 40):
+        cells = rng.integers(0, shape, (count, 2))
+        mass = np.zeros(shape)
+        mass[tuple(cells.T)] = 1.0
+        narrow = footprints.with_mass(RasterSums(mass, mass, np.zeros((*shape, 3)), 3, 4, mass))
+        assert (narrow.row, narrow.column) == tuple(cells.min(0) + np.array((3, 4)))
+        assert narrow.mass.shape == tuple(np.ptp(cells, axis=0) + 1)
+        assert narrow.mass.sum() == mass.sum()
+
+
+def test_a_large_window_keeps_whole_rows_and_gives_the_raster_the_bits_of_a_small_one(monkeypatch):
+    rng, raster = np.random.default_rng(5), Raster(30, 40, (10.0, 10.0))
+    total = np.zeros((6, 90, 80))
+    total[:, 7:75, 9:71] = rng.random((6, 68, 62))
+    columns = footprints.placed(total, lambda: total[:5], footprints.Lattice((6, 8), (80, 90), (3.0, 3.0)), raster)
+    found = {}
+    for large in (2**17, 2**10):
+        monkeypatch.setattr(footprints, "LARGE", large)
+        narrow = footprints.with_mass(columns)
+        found[narrow.mass.shape] = footprints.on_whole(footprints.on_raster(narrow, raster, (3.0, 3.0)), raster)
+    assert list(found) == [(68, 62), (68, 80)]
+    assert narrow.volume.flags.c_contiguous
+    small, whole = found.values()
+    assert small.mass.sum() == pytest.approx(total[4].sum())
+    for name in ("volume", "mass", "momentum", "depth_volume"):
+        np.testing.assert_array_equal(getattr(small, name), getattr(whole, name))

@@ -8,6 +8,7 @@ from scenes import HASH_DEVICE, IN_ORDER, SAND, assert_same_numbers, bowl, plane
 from test_hash_equals_reference import GRAINS
 from test_sparse_equals_dense import CLAY, two_bodies
 
+from runout.backends import footprints
 from runout.backends.hash import batch
 from runout.errors import ConfigError
 
@@ -110,3 +111,29 @@ def test_columns_of_a_window_around_the_flow_are_those_of_the_whole_raster_bit_b
             found = np.zeros_like(getattr(whole, name))
             found[flow.window] = getattr(flow, name)
             np.testing.assert_array_equal(found, getattr(whole, name))
+
+
+def test_columns_are_taken_behind_the_launches_of_the_next_steps_and_are_those_of_their_own_step(monkeypatch):
+    """Ten steps in launches of 4, 4 and 2: the host takes the columns of a launch once the next is under way, the last at once."""
+    (s, p), events, masses = three_scenes()[0], [], []
+    launch = batch.Batch._batch
+    monkeypatch.setattr(batch.Batch, "_steps_per_sort", lambda self, left: 4)
+    monkeypatch.setattr(batch.Batch, "_batch", lambda self, *counts: (events.append("launch"), launch(self, *counts))[1])
+
+    def take(scene, step, columns):
+        events.append(step)
+        masses.append(on_whole_raster(columns, s))
+
+    batch.Batch([(s, p)], HASH_DEVICE, IN_ORDER).advance(DT[:1], [10], {0: [2, 6, 7, 10]}, take)
+    assert events == ["launch", "launch", 2, "launch", 6, 7, 10]
+    for step, mass in zip((2, 6, 7, 10), masses, strict=True):
+        expected = on_whole_raster(alone(s, p, DT[0], step, IN_ORDER).lattice_columns_of(0), s)
+        assert expected.sum() == pytest.approx(p.mass.sum())
+        np.testing.assert_allclose(mass, expected, rtol=1e-9, atol=1e-6)
+    assert np.abs(masses[0] - masses[3]).max() > 1.0  # the mass has moved between
+
+
+def on_whole_raster(columns, s):
+    """Mass (rows, columns) [kg] on the raster of columns on the lattice."""
+    cell = footprints.lattice_cell(s)
+    return footprints.on_whole(footprints.on_raster(columns, s.raster, cell), s.raster).mass

@@ -265,6 +265,7 @@ class Batch:
                 done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
                 given = np.maximum(left - done, 0)
                 left = np.where(self.present, given, 0)
+            self.looks.deliver()
         self.counters.steps += int((left * each).max())
         self.counters.transfers += int(left.max())
         seconds = self.counters.seconds
@@ -318,9 +319,10 @@ class Batch:
     def _batch(self, count: int, left: np.ndarray) -> int:
         """Up to ``count`` steps without a look at the device; returns how many were done.
 
-        If more are left, the next sort is launched before the host looks: the device never waits for it.
+        If more are left, the next sort is launched before the host looks: the device never waits for it. The host takes the columns
+        of the steps before meanwhile; those of the last steps follow at once.
         """
-        parts = self.parts
+        parts, before = self.parts, len(self.looks.launched)
         if not self.sorting:
             parts.status.flags.zero_()
         substeps = int(parts.scenes.substeps[left > 0].max())
@@ -332,7 +334,7 @@ class Batch:
         found, ahead = parts.status.snapshot(), ready and left.max() > count
         if ahead:
             self._rebuild()
-        self.looks.deliver(parts, self.accounts)
+        self.looks.deliver(before if left.max() > count else None)
         status = found.arrived()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])

@@ -1,7 +1,7 @@
 """Observations between the steps of a series: the device adds up columns and goes on, the host takes them meanwhile.
 
-    device   | step | step | sums, spread | copy | step | step | sums, spread | copy | ...
-    host     launches all of it, then waits for the first copy, raises the maps to it, waits for the second, ...
+    device   | step | step | sums, spread | copy | step | sort | step | step | sums, spread | copy | step | sort | ...
+    host     launches up to a sort and on, then raises the maps to the copies of the launches before, while the device goes on
 
 The windows of the sums are larger than the mass, by a margin that it cannot pass until they are found anew.
 """
@@ -53,6 +53,7 @@ class Looks:
         The columns and their boxes are valid until it returns: the next ones may take their memory.
         """
         self.wanted, self.take, self.begun, self.substeps = wanted, take, self.made.copy(), substeps
+        self.launched = []  # of a series that an error has ended
 
     def find_mass(
         self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray, settle: Callable[[], None]
@@ -103,11 +104,11 @@ class Looks:
             made = {s: int(self.made[s] + step * self.substeps[s]) for s in windows}
             self.launched.append(parts.columns.launch(parts, accounts, windows, made))
 
-    def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
-        """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""
-        for sums in self.launched:
+    def deliver(self, count: int | None = None) -> None:
+        """Hand over the first ``count`` that have been launched, or all, as soon as they are here; not steps that were left out."""
+        ready, self.launched = self.launched[:count], [] if count is None else self.launched[count:]
+        for sums in ready:
             for s, (step, columns) in sums.arrived().items():
                 if step == sums.expected[s] and self.take:
                     self.take(s, int(step - self.begun[s]) // int(self.substeps[s]), columns)
             sums.release()
-        self.launched = []
