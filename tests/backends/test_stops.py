@@ -27,7 +27,7 @@ def without_stops(backend, end_time=END):
 
 
 def time_of(stop):
-    """Time [s] of a stop: a number, or what :func:`behind_a_step` takes. Strategies hold no times of steps: collection runs nothing."""
+    """Time [s] of a stop: a number, or what :func:`behind_a_step` takes, so that nothing runs while tests are collected."""
     return behind_a_step(*stop) if isinstance(stop, tuple) else stop
 
 
