@@ -9,6 +9,13 @@ from types import SimpleNamespace
 import pytest
 
 
+def pytest_collection_finish(session):
+    """Refuse test modules that run a simulation while they are imported: each worker would compile and run it before any test."""
+    kernels = sys.modules.get("runout.backends.scan.kernels")
+    if kernels and kernels._MADE:
+        raise pytest.UsageError("a test module simulates while it is imported; simulate in a test or a fixture")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def one_process_where_workers_take_all_cores():
     """One process compiles the kernels of scan, since two take a third more work: no core is left for others."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import box, engine_of, plane, scene
+from scenes import SAND, box, engine_of, plane, scene
 
 from runout.backends.initial_stress import strain_at_rest
 from runout.model.laws import LAWS
@@ -13,7 +13,8 @@ YIELDING = [law for law in LAWS.of_runout() if law.update]
 
 def moved(law, engine):
     """Particles of a slab of a law after some steps, in order."""
-    a_scene = scene(plane(-SLOPE, 0.0, 30.0), materials=(law.example,), friction=(0.3,))
+    choices = {} if law.name == SAND.law else {"substeps": 1}  # others compile no kernels of substeps
+    a_scene = scene(plane(-SLOPE, 0.0, 30.0), materials=(law.example,), friction=(0.3,), **choices)
     slab = box((40.0, 36.0, 0.0), (4.0, 3.0, 2.0), (1.0, 1.0, 1.0), law.example.density, surface=a_scene.surface)
     above = slab.position(np.ones(3))[:, 2] - a_scene.surface.elevation(*slab.position(np.ones(3)).T[:2])
     n = len(slab)

@@ -60,11 +60,19 @@ def resources(cubin: Path) -> dict[str, dict[int, int]]:
     return {name: values for name, values in found.items() if "_cuda_kernel_forward" in name}
 
 
-def require_within(kernels, modules, folder, registers, spilled):
+def machine_code(module, suffix="cubin"):
+    """Files of a module built for the architecture; warp's cache keeps them under the hash of all that they depend on."""
+    wp.init()
+    folder = Path(wp.config.kernel_cache_dir) / f"built_for_sm_{ARCHITECTURE}" / module.get_module_hash().hex()
+    choices = {"device": None, "arch": ARCHITECTURE, "module_dir": folder, "use_ptx": suffix == "ptx"}
+    return [*folder.glob(f"*.{suffix}")] or wp.compile_aot_module(module, **choices)
+
+
+def require_within(kernels, modules, registers, spilled):
     """Kernels of modules, built for the architecture, need no more than tables say; returns how many they are."""
     built: dict[str, dict[int, int]] = {}
     for module in modules:
-        for path in wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=folder, use_ptx=False):
+        for path in machine_code(module):
             built |= resources(path)
     here = set(modules)
     wanted = [value.key for value in vars(kernels).values() if isinstance(value, wp.Kernel) and value.module in here]
@@ -94,24 +102,24 @@ def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(structur
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precision, tmp_path):
+def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precision):
     kernels = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False)
-    assert require_within(kernels, kernels.modules, tmp_path, LARGEST[precision], SPILLED[precision]) > 20
+    assert require_within(kernels, kernels.modules, LARGEST[precision], SPILLED[precision]) > 20
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_kernels_of_further_substeps_build_beside_those_of_the_first(precision, tmp_path):
+def test_kernels_of_further_substeps_build_beside_those_of_the_first(precision):
     """Those of a transfer of one substep stay as they are."""
     law = LAWS.find("drucker_prager")
     plain, substepped = (compiled_kernels(law, COULOMB, precision, False, substepped=several) for several in (False, True))
     assert not {name for name, kernel in vars(plain).items() if name != "modules" and vars(substepped)[name] is not kernel}
     more = [module for module in substepped.modules if module not in plain.modules]
-    found = require_within(substepped.later, more, tmp_path, SUBSTEPS[precision], SUBSTEPS_SPILLED[precision])
+    found = require_within(substepped.later, more, SUBSTEPS[precision], SUBSTEPS_SPILLED[precision])
     assert found == len(("strain_in_place", "grid_to_particles", "resume_nodes", "close_step", "solve_contacts", "update_nodes"))
 
 
 @pytest.mark.parametrize(("precision", "ordered"), [("float32", True), ("float64", False)])
-def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(precision, ordered, tmp_path):
+def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(precision, ordered):
     """They are the same for all laws of material and friction."""
     plain, structured, other = (
         compiled_kernels(LAWS.find(law), COULOMB, precision, ordered, structured=structured)
@@ -120,34 +128,33 @@ def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(pr
     more = [module for module in structured.modules if module not in plain.modules]
     assert set(plain.modules) < set(structured.modules)
     assert set(more) <= set(other.modules)
-    assert require_within(structured, more, tmp_path, STRUCTURES[precision], STRUCTURES_SPILLED[precision]) == 6
+    assert require_within(structured, more, STRUCTURES[precision], STRUCTURES_SPILLED[precision]) == 6
 
 
 @pytest.mark.parametrize("law", ["voellmy_base", "voellmy"])
-def test_contact_with_ground_areas_builds_within_the_same_registers_and_hardly_spills(law, tmp_path):
+def test_contact_with_ground_areas_builds_within_the_same_registers_and_hardly_spills(law):
     kernels = compiled_kernels(LAWS.find("drucker_prager"), FRICTIONS.find(law), "float32", False)
     contact = {kernels.find_contacts.module, kernels.solve_contacts.module, kernels.update_nodes.module}
-    assert require_within(kernels, contact, tmp_path, LARGEST["float32"], AREAS_SPILLED) >= 4
+    assert require_within(kernels, contact, LARGEST["float32"], AREAS_SPILLED) >= 4
 
 
-def test_kernels_of_several_laws_build_within_the_registers_of_one(tmp_path):
+def test_kernels_of_several_laws_build_within_the_registers_of_one():
     """Contact spills more: the resistances of both laws are in one kernel."""
     law = material_law(map(LAWS.find, ("drucker_prager", "herschel_bulkley")))
     friction = friction_law(map(FRICTIONS.find, ("coulomb", "voellmy")))
     kernels = compiled_kernels(law, friction, "float32", False)
     of_laws = [module for module in kernels.modules if law.name in module.name or friction.name in module.name]
-    assert require_within(kernels, of_laws, tmp_path, LARGEST["float32"], SEVERAL_SPILLED) >= 7
+    assert require_within(kernels, of_laws, LARGEST["float32"], SEVERAL_SPILLED) >= 7
 
 
-def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(tmp_path):
+def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too():
     """All in one build: none of the three takes code away that the others need. Tests above build the sets that do not differ."""
     plain = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float32", False, substepped=True)
     kernels = compiled_kernels(LAWS.find("granular_flow"), COULOMB, "float32", True, zoned=True, substepped=True)
     differing = [module for module in kernels.modules if module not in plain.modules]
     assert {name.split(".")[2] for name in (module.name for module in differing)} >= {"sums", "law", "friction", "substeps"}
     for module in differing:
-        paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
-        assert all(".version" in path.read_text()[:2000] for path in paths)
+        assert all(".version" in path.read_text()[:2000] for path in machine_code(module, "ptx"))
 
 
 def test_another_law_compiles_only_what_names_it():

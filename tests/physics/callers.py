@@ -12,7 +12,8 @@ import numpy as np
 import warp as wp
 from parity_cases import CASES, LENGTH, Case, home_of, law_cases
 
-from runout.backends.compile import numba_binding, warp_binding, warp_record
+from runout.backends.compile import PHYSICS, cache_folder, numba_binding, source_key, warp_binding, warp_record
+from runout.io.atomic import write_text
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
@@ -62,12 +63,30 @@ def through_numba(case: Case, arguments: list[np.ndarray], real: type) -> np.nda
     What Python calls takes one row: with a loop over the rows it would take twice as long to compile.
     """
     material = np.array([tuple(case.material.values())], dtype=[(name, real) for name in case.material])
+    run = _numba_callers(real, case.law)[case.name]
+    return _row_by_row(case, run, arguments, material, np.float32 if real is np.float32 else float)
+
+
+@cache
+def _numba_callers(real: type, law: Law | FrictionLaw | None) -> dict[str, Any]:
+    """A compiled function per case of physics, or of a law, by its name; the cache keeps them as it keeps kernels, by content."""
+    cases = law_cases(law) if law else CASES
+    source = "\n".join(map(_numba_source, cases))
+    binding, of_law = numba_binding(real, False), (law.name, law.fingerprint) if law else ()
+    scope = {f"f_{case.name}": _function(binding, case) for case in cases}
+    with cache_folder(source_key(PHYSICS, real.__name__, *of_law, source)) as folder:
+        path = folder / f"parity_{home_of(law) if law else 'physics'}.py"
+        if not path.exists():
+            write_text(source, path)
+        exec(compile(source, str(path), "exec"), scope)
+        compiled = numba.njit(cache=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True)
+        return {case.name: compiled(scope[case.name]) for case in cases}
+
+
+def _numba_source(case: Case) -> str:
     names = [f"a{k}" for k in range(len(case.arguments))]
     values = [f"{name}[0]" if kind == "m" else name for name, kind in zip(names, case.arguments, strict=True)]
-    scope = {"f": _function(numba_binding(real, False), case)}
-    exec(f"def run({', '.join(names)}):\n    return f({', '.join(values)})", scope)
-    run = numba.njit(scope["run"], error_model="numpy", _nrt=False, no_cfunc_wrapper=True)
-    return _row_by_row(case, run, arguments, material, np.float32 if real is np.float32 else float)
+    return f"def {case.name}({', '.join(names)}):\n    return f_{case.name}({', '.join(values)})\n"
 
 
 def through_warp(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:

@@ -30,6 +30,7 @@ SETTINGS = {
     "setup.cfg": "[\n",
 }
 MARK = "imported"
+OF_A_SITE = ("check", "terrain", "status", "clean", "hazard", "report")
 NAMES = [command.__name__.replace("_", "-") for command in cli.COMMANDS]
 
 
@@ -62,15 +63,27 @@ def test_the_planted_files_run_where_python_is_not_told_otherwise(folder):
     assert marks(folder) == "pyogrio pickle "
 
 
-@pytest.mark.parametrize("name", ["", *NAMES])
+@pytest.mark.parametrize("name", ["", "run", *OF_A_SITE])
 def test_no_command_imports_from_the_working_directory(folder, name):
+    """The help of ``run`` stands for that of the other commands, see below."""
     tokens = [name] if name else []
-    site = ["ramp"] if name in ("check", "terrain", "status", "clean", "hazard", "report") else []
+    site = ["ramp"] if name in OF_A_SITE else []
     done = called(folder, sys.executable, "-m", "runout", *tokens, *(site or ["--help"]))
     assert "Traceback" not in done.stderr
     assert "fault of runout" not in done.stderr
     assert done.returncode in ((0,) if name not in ("hazard", "report") else (1, 3)), done.stderr
     assert marks(folder) == ""
+
+
+def test_the_help_of_each_command_imports_what_that_of_another_does():
+    code = (
+        "import sys; from runout import cli\n"
+        "loaded = cli.main(['run', '--help']) or set(sys.modules)\n"
+        "codes = [cli.main([name, '--help']) for name in sys.argv[1:]]\n"
+        "print(len(codes), any(codes), *sorted(set(sys.modules) - loaded))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *NAMES], capture_output=True, text=True, check=True, timeout=300)
+    assert done.stdout.splitlines()[-1] == f"{len(NAMES)} False"
 
 
 def test_doctor_and_the_processes_that_it_starts_import_nothing(folder):
