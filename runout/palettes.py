@@ -33,9 +33,8 @@ class Palette:
 
     def hexadecimal(self, count: int) -> list[str]:
         """Colours of ``count`` classes, from the smallest to the largest values."""
-        from matplotlib.colors import to_hex
-
-        return [to_hex(colour) for colour in self.rgba(count)]
+        parts = np.rint(255 * self.rgba(count)[:, :3]).astype(np.uint8)
+        return [f"#{part.tobytes().hex()}" for part in parts]
 
     def rgba(self, count: int) -> np.ndarray:
         """Colours (count, 4), 0 to 1, at equal distances from the first to the last."""

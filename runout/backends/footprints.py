@@ -206,7 +206,8 @@ def shared_by_area(
 ) -> tuple[int, int, np.ndarray]:
     """First row and column of the raster, and shares (lanes, rows, columns) in its cells, of ``sums`` on the lattice of ``cell``.
 
-    ``sums``, (lanes, rows, columns) or several times (rows, columns), have their first row and column, from the south and the west, at ``first``.
+    ``sums``, (lanes, rows, columns) or several times (rows, columns), have their first row and column, from the south and the
+    west, at ``first``.
     """
     (north, east), size, (rows, columns) = first, raster.cell_size, sums[0].shape
     column, *across = _shares(east, columns, cell[0], size[0], raster.columns)

@@ -305,13 +305,14 @@ def read_maps(path: str | os.PathLike[str]) -> "xr.Dataset":
 
 def member_table(path: Path) -> "pd.DataFrame":
     """Weights, seeds, parameters, status and reasons of the members: all variables whose only dimension is ``realization``."""
+    import netCDF4
     import pandas as pd
-    import xarray as xr
 
-    with LOCK, xr.open_dataset(path, engine="netcdf4", decode_times=False) as stack:
-        names = [str(n) for n, v in stack.data_vars.items() if v.dims == ("realization",)]
-        columns = {name: stack[name].values for name in names}
-        return pd.DataFrame(columns, index=pd.Index(stack["realization"].values.astype(int), name="realization"))
+    with LOCK, netCDF4.Dataset(path) as stack:
+        stack.set_auto_mask(False)
+        columns = {name: values[:] for name, values in stack.variables.items() if values.dimensions == ("realization",)}
+    numbers = columns.pop("realization").astype(int)
+    return pd.DataFrame(columns, index=pd.Index(numbers, name="realization"))
 
 
 def seal(path: str | os.PathLike[str]) -> None:

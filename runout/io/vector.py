@@ -42,6 +42,7 @@ def write_outlines(
 ) -> Path:
     """Write a GeoPackage with the layers ``release`` and ``inundation`` in the system of the terrain; returns the path.
 
+    Without releases, where all mass flows in, there is no layer ``release``.
     Where there are friction ``zones``, the layer ``friction_zones`` has their outlines, each with its ``factor`` [1] or
     ``basal_friction_angle_deg``; where there are ``obstacles``, the layer ``obstacles`` has theirs, with ``height_m``.
 
@@ -66,10 +67,8 @@ def write_outlines(
     StorageError
         If the disk is full or the folder cannot be written; an older file stays as it is.
     """
-    layers = {
-        "release": _release_frame(terrain, releases),
-        "inundation": _inundation_frame(terrain, np.asarray(probability), levels, attributes or {}),
-    }
+    layers = {"release": _release_frame(terrain, releases)} if releases else {}
+    layers["inundation"] = _inundation_frame(terrain, np.asarray(probability), levels, attributes or {})
     if obstacles:
         layers["obstacles"] = _frame([{"height_m": height, "geometry": _multi(part)} for part, height in obstacles], terrain)
     if zones and zones.zones:

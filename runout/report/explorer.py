@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def explorer(study: Study, settings: Mapping[str, Any], folder: Path | None = No
     """
     from runout.report.html import render
 
-    window = study.basemap.window(study.hazard["members_reached"].fillna(0).values > 0)
+    window = study.basemap.window(np.nan_to_num(study.hazard["members_reached"].values) > 0)
     grid = _grid_of(study, window)
     products = list(explorer_layers.families(study.hazard, grid))
     members = member_layers(study, grid)
@@ -121,9 +122,9 @@ def _text(name: str, content: bytes) -> str:
 
 def _bokeh() -> bytes:
     """BokehJS with its interface for scripts."""
-    import bokeh
-
-    folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
+    package = find_spec("bokeh")  # found without running it
+    assert package is not None
+    folder = Path(package.origin or "").parent / "server" / "static" / "js"
     return b"\n".join((folder / name).read_bytes() for name in BUNDLES)
 
 
@@ -180,9 +181,11 @@ def _orthophoto(study: Study, window: Window, settings: Mapping[str, Any], folde
 
 
 def _first(study: Study, products: list[Family]) -> list[int]:
-    """Family and level that the map shows first: the probability of the thickness of the first screen."""
+    """Family and level that the map shows first: the probability of the thickness, or that of a single member."""
     names = [family.name for family in products]
     thickness = QUANTITIES["thickness"]
+    if study.is_single and thickness.peak in names:
+        return [names.index(thickness.peak), 0]
     if thickness.exceedance("probability") not in names:
         return [0, 0]
     levels = study.hazard[thickness.threshold].values

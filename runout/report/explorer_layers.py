@@ -121,7 +121,7 @@ class Family:
         """What the browser needs besides the codes; ``offset`` is their first byte."""
         decimals = max(0, -math.floor(math.log10(self.step) + 1e-9))
         largest = float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
-        own = {"name", "group", "title", "unit", "choice", "levels", "step"}
+        own = ("name", "group", "title", "unit", "choice", "levels", "step")
         return {name: getattr(self, name) for name in own} | _legend(self.name, self.classes) | {
             "low": self.low, "decimals": decimals, "largest": largest, "time": self.name in UNTIL_ARRIVAL,
             "grid": grid, "offset": offset,
@@ -152,9 +152,10 @@ def families(hazard: "xr.Dataset", grid: Grid) -> Iterator[Family]:
     """All maps of ``hazard.nc`` in the order of the list."""
     names = [str(name) for name, array in hazard.data_vars.items() if array.dims[-2:] == ("y", "x") and array.ndim <= 3]
     for name in sorted(names, key=_place):
-        array = hazard[name].astype(np.float32)
+        array = hazard[name]
         units, divisor = VARIABLES[name].printed
-        values = array.values.reshape(-1, *array.shape[-2:])[(slice(None), *grid.window)] / np.float32(divisor)
+        layers = array.values.reshape(-1, *array.shape[-2:])[(slice(None), *grid.window)]
+        values = layers.astype(np.float32) / np.float32(divisor)
         choice, levels = _levels(hazard, array.dims[0]) if array.ndim == 3 else ("", [""])
         group, title = naming(name)
         classes = classes_of(hazard, name)

@@ -80,8 +80,12 @@ def _bed(settings: Mapping[str, Any]) -> str:
 
 def _times(study: Study, factor: str) -> str:
     if factor not in study.members:
-        return " in every member"
-    return f", times {span(list(study.members[factor].fillna(1.0).astype(float)))} in the members"
+        return "" if study.is_single else " in every member"
+    return f", times {span(list(study.members[factor].fillna(1.0).astype(float)))}{_in_members(study)}"
+
+
+def _in_members(study: Study) -> str:
+    return "" if study.is_single else " in the members"
 
 
 def friction(study: Study, settings: Mapping[str, Any]) -> str:
@@ -91,9 +95,10 @@ def friction(study: Study, settings: Mapping[str, Any]) -> str:
         angle, block = settings.get("basal_friction_angle_deg"), settings.get("basal_friction")
         law = block.get("law") if isinstance(block, Mapping) else ""
         fixed = f"basal friction angle {quantity(angle, 'degree')}" if angle is not None else f"basal friction by {law or 'law'}"
-        return f"{fixed} in every member, stated in site.yaml and not calibrated"
+        return f"{fixed}{'' if study.is_single else ' in every member'}, stated in site.yaml and not calibrated"
     ranges = [_range(study, name) for name in sampled]
-    return f"{', '.join(ranges)}, {origin(settings)}"
+    drawn = "drawn from " if study.is_single and not settings.get("ensemble", {}).get("table") else ""
+    return f"{', '.join(ranges)}, {drawn}{origin(settings)}"
 
 
 def _range(study: Study, name: str) -> str:
@@ -120,14 +125,14 @@ def outcome(study: Study) -> str:
     half = tables.hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
     ever = tables.hazard_extent(hazard, hazard["members_reached"].values, 1)
     runout = span(list(study.valid["runout_distance"].astype(float)), "m")
+    some = "" if study.is_single else f"{area(half)} in at least half of the members (by weight) and "
     parts = [
-        f"A flow of {limit} or more reaches {area(half)} in at least half of the members (by weight) and "
-        f"{area(ever)} in any, {runout} in plan beyond the release"
+        f"A flow of {limit} or more reaches {some}{area(ever)}{' in any' if some else ''}, {runout} in plan beyond the release"
     ]
     by_share: dict[str, list[str]] = {}
     for name, share in _places(study):
-        by_share.setdefault(percent(share), []).append(name)
-    parts += [f"it arrives at {_listed(names)} in {share} of the members" for share, names in by_share.items()]
+        by_share.setdefault("" if study.is_single else f" in {percent(share)} of the members", []).append(name)
+    parts += [f"it arrives at {_listed(names)}{share}" for share, names in by_share.items()]
     return "; ".join(parts[: MOST_PARTS + 1]) + ("; further places are below." if len(parts) > MOST_PARTS + 1 else ".")
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
 LOCAL = "local coordinates"
+FEWEST_POINTS = 3  # members from which a chart of the run-out over a parameter is drawn
 
 
 def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None) -> Path:
@@ -38,7 +39,7 @@ def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Sti
     Parameters
     ----------
     site : runout.Site
-        The study's site: name, title, and the resolved configuration.
+        The study's site: name, folder and the block ``report``; all other settings are those of the maps, from ``run.json``.
     results : Path
         Folder with ``hazard.nc``, ``members.nc``, ``members/``, ``outlines.gpkg`` and ``run.json``.
     stills : callable, optional
@@ -59,7 +60,7 @@ def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Sti
 
 def page(site: Any, study: Study, checksum: str) -> dict[str, Any]:
     """Content of the template, by name; ``checksum`` is that of ``hazard.nc``."""
-    settings = site.resolved()
+    settings = study.run["configuration"] | _report_block(site)
     maps, sure = VectorMaps(study.basemap, sheets.reached_window(study)), confidence.parts(study, settings)
     error = LoadError.of(study.convergence, tables.cells_through(study, settings))
     danger, statement = danger_section(study, maps), confidence.statement(sure, study)
@@ -99,6 +100,12 @@ def page(site: Any, study: Study, checksum: str) -> dict[str, Any]:
         "provenance": tables.provenance(study.run),
         **_charts(study),
     }
+
+
+def _report_block(site: Any) -> dict[str, Any]:
+    """The block ``report`` of site.yaml, on which no map depends."""
+    block = site.settings.report
+    return {} if block is None else {"report": block.model_dump(mode="json", exclude_none=True)}
 
 
 def _table_of(site: Any, settings: dict[str, Any]) -> Path | None:
@@ -184,14 +191,14 @@ def _probed(study: Study) -> dict[str, Any] | None:
 
 
 def _charts(study: Study) -> dict[str, Any]:
-    valid, ledgers = study.valid, study.ledgers
+    valid, ledgers, sampled = study.valid, study.ledgers, tables.sampled_parameters(study)
     if not len(valid):
         return {"budget": None, "kinetic": None, "representative": None, "dependence": []}
     return {
         "budget": figures.budget_chart(ledgers, valid),
         "kinetic": figures.kinetic_chart(ledgers, valid),
         "representative": figures.representative(valid),
-        "dependence": [figures.parameter_chart(valid, name) for name in tables.sampled_parameters(study)],
+        "dependence": [figures.parameter_chart(valid, name) for name in sampled] if len(valid) >= FEWEST_POINTS else [],
     }
 
 

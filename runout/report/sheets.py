@@ -41,20 +41,20 @@ class Sheet:
 
 def reached_window(study: Study) -> Window:
     """Window around all cells that any member reaches, the releases and what was observed."""
-    shown = study.hazard["members_reached"].fillna(0).values > 0
+    shown = np.nan_to_num(study.hazard["members_reached"].values) > 0
     for name in ("observed_deposit_thickness", "observed_elevation_change"):
         if name in study.hazard:
-            shown = shown | (study.hazard[name].fillna(0).values != 0)
+            shown = shown | (np.nan_to_num(study.hazard[name].values) != 0)
     return study.basemap.window(shown)
 
 
 def printed_sheets(study: Study) -> list[Sheet]:
-    """Maps of the print: headline, peak thickness, peak speed, arrival, and deposit or change of elevation."""
+    """Maps of the print: headline (of several members), peak thickness, peak speed, arrival, and deposit or change of elevation."""
     hazard = study.hazard
     return [
-        _headline(study),
-        _highest_sheet(hazard, QUANTITIES["thickness"]),
-        _highest_sheet(hazard, QUANTITIES["pressure" if study.loads is not None else "speed"]),
+        *([] if study.is_single else [_headline(study)]),
+        _highest_sheet(study, QUANTITIES["thickness"]),
+        _highest_sheet(study, QUANTITIES["pressure" if study.loads is not None else "speed"]),
         _arrival_sheet(study),
         _ground_sheet(hazard),
     ]
@@ -76,8 +76,11 @@ def _headline(study: Study) -> Sheet:
     return Sheet(f"Probability of a {mapped.words} of {shown} or more", caption, values, "probability")
 
 
-def _highest_sheet(hazard: "xr.Dataset", mapped: MapQuantity) -> Sheet:
-    """Largest values over time that most members stay below, by the highest percentile."""
+def _highest_sheet(study: Study, mapped: MapQuantity) -> Sheet:
+    """Largest values over time: of a single member, or those that most members stay below, by the highest percentile."""
+    hazard = study.hazard
+    if study.is_single:
+        return Sheet(f"Peak {mapped.words}", "Largest value over time; no colour means 0.", hazard[mapped.peak].values, mapped.name)
     level = float(hazard["percentile"].values.max())
     caption = (
         f"At least {level:g} % of the members (by weight) stay at or below the value shown, at most {100 - level:g} % pass it; no "

@@ -74,9 +74,14 @@ class Study:
         return self.members[self.members["status"] == "valid"]
 
     @property
+    def is_single(self) -> bool:
+        """Whether there is one member alone, so that probabilities and percentiles say nothing."""
+        return len(self.members) == 1
+
+    @property
     def threshold(self) -> float:
         """Thickness [m] from which the flow reaches a place in all figures and first maps of the report: the lowest threshold."""
-        return float(self.hazard["thickness_threshold"].min())
+        return float(self.hazard["thickness_threshold"].values.min())
 
 
 def read_study(results: Path) -> Study:
@@ -153,7 +158,7 @@ def _valid_members(
 
     figures: dict[int, dict[str, float]] = {}
     ledgers: dict[int, Ledger] = {}
-    reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].min())
+    reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].values.min())
     factors = table["discharge_factor"].fillna(1.0) if "discharge_factor" in table else pd.Series(1.0, index=table.index)
     with MembersFile(path) as stack:
         for number in table.index[table["status"] == "valid"]:

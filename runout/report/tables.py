@@ -84,7 +84,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     hazard, valid = study.hazard, study.valid
     released, inflows = hazard_volume(hazard["release_thickness"], hazard), study.run.get("inflows", [])
     limit = f"{quantity(study.threshold, 'm')} thick or more"
-    likely = hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
+    likely, half = hazard_extent(hazard, hazard["inundation_probability"].values, 0.5), "half of the members (by weight) reach it"
     runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
     reached = area(hazard_extent(hazard, hazard["members_reached"].values, 1))
     starts = [(RELEASED, released, "release_volume_factor")] if released > 0 or not inflows else []
@@ -100,14 +100,14 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
             "each is one complete 3D run, a member of the ensemble",
         ),
         *((label, volume(size), _factor(study, name)) for label, size, name in starts),
-        ("Run-out of the members", span(runouts, "m"), f"plan distance from the release to the farthest cell, {limit}"),
-        ("Angle of reach", span(angles, "°"), "from the highest point of the release to that cell"),
-        ("Area reached by any member", reached, limit),
         (
-            "Area of probability 0.5 or more",
-            area(likely),
-            f"half of the members (by weight) reach it, {limit}{_sampled(hazard)}",
+            "Run-out" if study.is_single else "Run-out of the members",
+            span(runouts, "m"),
+            f"plan distance from the release to the farthest cell, {limit}",
         ),
+        ("Angle of reach", span(angles, "°"), "from the highest point of the release to that cell"),
+        ("Area reached" if study.is_single else "Area reached by any member", reached, limit),
+        *([] if study.is_single else [("Area of probability 0.5 or more", area(likely), f"{half}, {limit}{_sampled(hazard)}")]),
         *annual,
     ]
     if not has_volumes(valid):
@@ -117,8 +117,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
 
 def hazard_extent(hazard: "xr.Dataset", values: Any, least: float) -> float:
     """Area [km2] of the cells with at least ``least``."""
-    cell = abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))
-    return float(np.nansum(np.asarray(values) >= least)) * cell / 1e6
+    return float(np.nansum(np.asarray(values) >= least)) * _cell_area(hazard) / 1e6
 
 
 def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
@@ -141,12 +140,14 @@ def _area_at(hazard: "xr.Dataset", threshold: float, years: float) -> float:
 def _factor(study: Study, name: str) -> str:
     """By what a volume differs between the members."""
     factor = study.members.get(name)
-    return f"times {span(list(factor.fillna(1.0)))} in the members" if factor is not None else "in every member"
+    if factor is None:
+        return "" if study.is_single else "in every member"
+    return f"times {span(list(factor.fillna(1.0)))}" + ("" if study.is_single else " in the members")
 
 
 def _sampled(hazard: "xr.Dataset") -> str:
     """Standard error of the area of probability 0.5 or more: half the area between the outlines of P + s and P - s."""
-    lowest = {"thickness_threshold": float(hazard["thickness_threshold"].min())}
+    lowest = {"thickness_threshold": float(hazard["thickness_threshold"].values.min())}
     error = hazard["thickness_exceedance_standard_error"].sel(lowest).values
     p = hazard["thickness_exceedance_probability"].sel(lowest).values
     band = hazard_extent(hazard, p + error, 0.5) - hazard_extent(hazard, p - error, 0.5)
@@ -165,7 +166,12 @@ def heading(study: Study) -> list[tuple[str, str]]:
 
 def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
     """Volume [m3] of a thickness map."""
-    return float(thickness.sum()) * abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))
+    return float(np.nansum(thickness.values)) * _cell_area(hazard)
+
+
+def _cell_area(hazard: "xr.Dataset") -> float:
+    x, y = hazard["x"].values, hazard["y"].values
+    return abs(float(x[1] - x[0]) * float(y[1] - y[0]))
 
 
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:

@@ -50,6 +50,11 @@ def test_the_release_layer_states_volume_and_placement(terrain: Terrain, release
     assert frame.loc["drawn", "placement"] == "excavated"
 
 
+def test_without_releases_there_is_no_layer_of_them(terrain: Terrain, tmp_path: Path) -> None:
+    path = write_outlines(tmp_path / "o.gpkg", terrain, [], np.full(terrain.shape, 0.3), styles={"release": "<qgis/>"})
+    assert set(pyogrio.list_layers(path)[:, 0]) - {"layer_styles"} == {"inundation"}
+
+
 def test_levels_that_no_cell_reaches_are_left_out(terrain: Terrain, release: Release, tmp_path: Path) -> None:
     path = write_outlines(tmp_path / "o.gpkg", terrain, [release], np.full(terrain.shape, 0.3), levels=(0.25, 0.5))
     assert gpd.read_file(path, layer="inundation")["probability"].tolist() == [0.25]

@@ -23,6 +23,16 @@ ZONES = [
     shapely.box(WEST + 900.0, SOUTH + 1300.0, WEST + 1300.0, SOUTH + 1600.0),
     shapely.box(WEST + 1600.0, SOUTH + 1300.0, WEST + 2000.0, SOUTH + 1600.0),
 ]
+SETTINGS = {
+    "name": "valley",
+    "title": "Invented valley <test>",
+    "description": "The release is hypothetical.",
+    "terrain": {"dem": "inputs/dem.tif"},
+    "release": [{"name": "scar", "polygons": "inputs/release.gpkg", "thickness": 15.0, "placement": "excavated"}],
+    "material": {"law": "drucker_prager", "density": 2000, "youngs_modulus": 5e6},
+    "simulation": {"cell_size": 4.0, "end_time": 90, "stop_when_at_rest": True},
+    "ensemble": {"members": 8, "parameters": {"basal_friction_angle_deg": {"distribution": "uniform", "low": 12, "high": 22}}},
+}
 REASON = "StabilityError: speed 950 m/s at step 12; lower simulation.cfl"
 
 
@@ -159,17 +169,7 @@ def release_thickness(x, y):
 @pytest.fixture(scope="session")
 def site():
     """What the report needs of a site."""
-    resolved = {
-        "name": "valley",
-        "title": "Invented valley <test>",
-        "description": "The release is hypothetical.",
-        "terrain": {"dem": "inputs/dem.tif"},
-        "release": [{"name": "scar", "polygons": "inputs/release.gpkg", "thickness": 15.0, "placement": "excavated"}],
-        "material": {"law": "drucker_prager", "density": 2000, "youngs_modulus": 5e6},
-        "simulation": {"cell_size": 4.0, "end_time": 90, "stop_when_at_rest": True},
-        "ensemble": {"members": 8, "parameters": {"basal_friction_angle_deg": {"distribution": "uniform", "low": 12, "high": 22}}},
-    }
-    return SimpleNamespace(name="valley", resolved=lambda: resolved)
+    return SimpleNamespace(name="valley", resolved=lambda: SETTINGS, settings=SimpleNamespace(report=None))
 
 
 @pytest.fixture(scope="session")
@@ -192,6 +192,12 @@ def results(tmp_path_factory):
     inputs = [{"name": "inputs/dem.tif", "size": 81234, "sha256": "ab" * 32}]
     ensemble = {"members_valid": 7, "failures": {"5": REASON}, "statement": "7 of 8 members are valid"}
     run = {"inputs": inputs, "ensemble": ensemble, "changes": CHANGES, "versions": {"runout": "0.1.0", "numpy": "2.4"}, "seed": 1}
-    run |= {"created": "2026-05-04T10:20:30+00:00", "runout": "0.1.0", "metadata": METADATA, "resolution": RESOLUTION}
+    run |= {
+        "created": "2026-05-04T10:20:30+00:00",
+        "runout": "0.1.0",
+        "metadata": METADATA,
+        "resolution": RESOLUTION,
+        "configuration": SETTINGS,
+    }
     (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
     return folder

@@ -66,6 +66,8 @@ def test_every_map_of_the_product_is_there_and_differs_by_less_than_its_step(stu
     at = {family["name"]: k for k, family in enumerate(content.families) if family["grid"] == "products"}
     maps = {str(name) for name, array in study.hazard.data_vars.items() if array.dims[-2:] == ("y", "x")}
     assert set(at) == maps
+    assert len({tuple(family) for family in content.families}) == 1, "one order of keys, so that equal results give equal bytes"
+    assert list(content.families[0])[:3] == ["name", "group", "title"]
     for name, k in at.items():
         array, family = study.hazard[name], content.families[k]
         divisor = VARIABLES[name].printed[1]

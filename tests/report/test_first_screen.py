@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 from runout.config.process_ranges import process_named
-from runout.report import first_screen, tables
-from runout.report.html import write_report
+from runout.report import first_screen, sheets, tables
+from runout.report.html import page, write_report
 from runout.report.study import read_study
 from runout.report.wording import area
 
@@ -44,6 +44,24 @@ def test_an_erodible_bed_is_an_assumption(study, settings):
     bed = {"depth": 2.0, "erosion": {"law": "ramms", "rate": 0.025}}
     assert "; an erodible bed of 2\u202fm, law ramms; " in first_screen.assumed(study, settings | {"bed": bed})
     assert "; an erodible bed; " in first_screen.assumed(study, settings | {"bed": {"depth": "depth.tif"}})
+
+
+def test_a_single_run_has_values_in_place_of_probabilities(study, site, settings):
+    number = study.valid.index[0]
+    single = replace(study, members=study.members.loc[[number]], ledgers={number: study.ledgers[number]})
+    sentences = f"{first_screen.assumed(single, settings)} {first_screen.outcome(single)}"
+    assert "drawn from a range stated in site.yaml" in sentences
+    assert "member" not in sentences
+    cards = {label: value for label, value, _ in tables.key_figures(single)}
+    assert cards["Area reached"] in first_screen.outcome(single)
+    assert "Area of probability 0.5 or more" not in cards
+    first, *rest = sheets.printed_sheets(single)
+    assert first.title == "Peak flow thickness"
+    assert not any("percentile" in sheet.title for sheet in (first, *rest))
+    np.testing.assert_array_equal(first.values, study.hazard["peak_flow_thickness"].values)
+    content = page(site, single, "")
+    assert content["dependence"] == []
+    assert content["budget"] is not None
 
 
 @pytest.mark.parametrize(
