@@ -257,19 +257,10 @@ def left_out(likelihood: Likelihood, groups: Sequence[str], seed: int = 0) -> di
 
 
 def grid_error(likelihood: Likelihood, points: np.ndarray, coarse: np.ndarray, fine: np.ndarray) -> GridError:
-    """Error of the grid from pairs of runs at the same points.
+    """Error of the grid from scalars (pairs, scalars) of coarse and fine runs at the same points (pairs, parameters) of the cube.
 
-    The offset is that which explains the differences best, by least squares in standard errors with the size of the offset as a
-    further term: a parameter that changes nothing keeps its place.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Without an error of the grid.
-    points : ndarray (pairs, parameters)
-        In the cube.
-    coarse, fine : ndarray (pairs, scalars)
-        Scalars of the runs.
+    The likelihood has no error of the grid yet. The offset is that which explains the differences best, by least squares in
+    standard errors with the size of the offset as a further term: a parameter that changes nothing keeps its place.
     """
     from scipy.optimize import least_squares
 

@@ -91,16 +91,8 @@ def _at(value: Any, place: Location, location: Location = ()) -> Iterator[tuple[
 class SiteFiles:
     """Input files of a site. Each is read at its first use, and again only after one of those in use was written.
 
-    A site is a value; this is where what its files hold is kept. The parts that members need travel to other processes.
-
-    Parameters
-    ----------
-    settings : SiteSettings
-        The checked content of site.yaml.
-    file : Path
-        The site.yaml; other paths are relative to its folder.
-    known : KnownFiles, optional
-        Checksums of the files, and what was computed from them.
+    A site is a value; this is where what its files hold is kept. The parts that members need travel to other processes. Paths are
+    relative to the folder of ``file``, the site.yaml. ``known`` are checksums of the files, and what was computed from them.
     """
 
     def __init__(self, settings: SiteSettings, file: Path, known: KnownFiles | None = None):

@@ -61,23 +61,11 @@ class Sweep:
 
 
 def read_sweep(settings: SiteSettings, stated: Sequence[str], scenario: str | None = None, one_at_a_time: bool = False) -> Sweep:
-    """The sweep of a site that ``KEY=VALUES`` state.
+    """The sweep of a site that texts ``KEY=LOW:HIGH:STEP``, both ends included, or ``KEY=A,B,C`` state.
 
-    Parameters
-    ----------
-    settings : SiteSettings
-    stated : sequence of str
-        Each ``KEY=LOW:HIGH:STEP``, both ends included, or ``KEY=A,B,C``. A key is that of ``ensemble.parameters`` or of
-        ``site.yaml``, or words that only one of these has.
-    scenario : str, optional
-        Scenario whose medians the other parameters have, of a site with scenarios.
-    one_at_a_time : bool
-        Vary one parameter after the other.
-
-    Raises
-    ------
-    ConfigError
-        With all keys and values that cannot be used, and for each the remedy.
+    A key is that of ``ensemble.parameters`` or of ``site.yaml``, or words that only one of these has. The other parameters have
+    their medians, of a site with scenarios those of ``scenario``. With ``one_at_a_time`` one parameter is varied after the other.
+    Raises ConfigError with all keys and values that cannot be used, and for each the remedy.
     """
     ranges, problems = member_ranges(settings), list[Problem]()
     varied: dict[str, tuple[float, ...]] = {}

@@ -23,16 +23,8 @@ Entry = TypeVar("Entry")
 class Registry(Generic[Entry]):
     """Entries by name.
 
-    Parameters
-    ----------
-    kind : str
-        Name of the kind of entries in messages: "material law".
-    package : str
-        Package of runout whose modules register entries.
-    group : str
-        Group of the entry points of other packages.
-    error : callable
-        Error of a message.
+    Modules of ``package`` and entry points of the ``group`` of other packages register entries. ``kind`` is what messages call an
+    entry, such as "material law"; ``error`` makes the error of a message.
     """
 
     def __init__(self, kind: str, package: str, group: str, error: Callable[[str], Exception]):

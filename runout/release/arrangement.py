@@ -35,19 +35,10 @@ PLASTIC = 0.7548776662466927, 0.5698402909980532  # steps of a sequence of low d
 def default_particles(
     releases: Sequence[Release], material: Material, basal: BasalFriction | float, height: float, zones: FrictionZones | None = None
 ) -> tuple[int, int, int]:
-    """Default particles per cell (px, py, pz) of a run.
+    """Default particles per cell (px, py, pz) of a run in cells of a ``height`` [m].
 
-    Parameters
-    ----------
-    releases : sequence of Release
-    material : Material
-        Material of the releases without one of their own.
-    basal : BasalFriction or float
-        Basal friction of the releases without one of their own, or its angle [rad].
-    height : float
-        Height of a cell [m].
-    zones : FrictionZones, optional
-        Zones with another basal friction.
+    ``material`` and ``basal``, a law or its angle [rad], are those of the releases without one of their own. ``zones`` have
+    another basal friction.
     """
     cells = min((r.volume / r.area for r in releases), default=height) / height
     if cells < THICK:

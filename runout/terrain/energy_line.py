@@ -68,21 +68,12 @@ def _fall(ground: np.ndarray, release: Release, reach: np.ndarray, friction: flo
 def speeds_with_drag(
     releases: Sequence[Release], grounds: Sequence[GroundFriction], limits: np.ndarray, points: int = POINTS
 ) -> np.ndarray:
-    """Estimates (members,) of the largest speed [m/s] of masses, each at most its ``limits`` (members,) [m/s].
+    """Estimates (members,) of the largest speed [m/s] of masses on one terrain, each at most its ``limits`` (members,) [m/s].
 
-    Points slide from where the releases lie against the law of friction, under the load of a column :data:`GATHERED` times as
-    thick as the mean of its release, and once more against the coefficients at rest alone. Where the latter stay slower than the
-    limit, since they lose speed at kinks of the path, the estimate grows by that ratio. Without drag it is the limit.
-
-    Parameters
-    ----------
-    releases : sequence of Release
-        On one terrain.
-    grounds : sequence of GroundFriction
-        Of members.
-    limits : ndarray (members,)
-        Speeds without drag, of :func:`runout.terrain.energy_line.largest_speed`.
-    points : int
+    The limits are the speeds without drag, of :func:`largest_speed`; ``grounds`` are those of the members. Points slide from where
+    the releases lie against the law of friction, under the load of a column :data:`GATHERED` times as thick as the mean of its
+    release, and once more against the coefficients at rest alone. Where the latter stay slower than the limit, since they lose
+    speed at kinks of the path, the estimate grows by that ratio. Without drag it is the limit.
     """
     thickness = [GATHERED * float(r.thickness[r.thickness > 0].mean()) for r in releases]
     laws = ColumnResistance(grounds, thickness, float(limits.max())), resting_resistance(grounds)

@@ -292,16 +292,8 @@ def _line(row: Mapping[str, Any]) -> str:
 def rim_pressure(result: Result, snow: DruckerPrager, axis: float, slope: np.ndarray) -> float:
     """Mean pressure of the outer tenth of a mass over the hydrostatic one, rho g H cos(slope)^2 / 2 with the thickness H [1].
 
-    Parameters
-    ----------
-    result : Result
-        A run that has just begun.
-    snow : DruckerPrager
-        Its material; the modulus is that of the run.
-    axis : float
-        Northing [m] of the line that the mass is symmetric about.
-    slope : ndarray (rows, columns)
-        Slope of the ground [rad].
+    The run has just begun; its modulus counts, not that of ``snow``. The mass is symmetric about the northing ``axis`` [m].
+    ``slope`` (rows, columns) is that of the ground [rad].
     """
     p, terrain = result.state, result.terrain
     bulk = result.start["youngs_modulus"][0] / (3 - 6 * snow.poisson_ratio)

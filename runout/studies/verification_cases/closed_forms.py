@@ -90,14 +90,8 @@ def axisymmetric_height(aspect: float) -> float:
 def standing_column(height: np.ndarray, length: float, weight: float, modulus: float) -> tuple[np.ndarray, ...]:
     """Stretch [1], Cauchy stress [Pa] and present height [m] of a Hencky column at rest under its weight; exact.
 
-    Parameters
-    ----------
-    height : (n,)
-        Heights in the stress-free state [m].
-    length : float
-        Length in the stress-free state [m].
-    weight, modulus : float
-        Specific weight rho_0 g [N m-3] and confined modulus M [Pa]: sigma = M ln F / F = -rho_0 g (l_0 - Y).
+    ``height`` (n,) and ``length`` [m] are those of the stress-free state. With the specific weight rho_0 g [N m-3] and the
+    confined modulus M [Pa] it is sigma = M ln F / F = -rho_0 g (l_0 - Y).
     """
     stress = -weight * (length - np.asarray(height, float))
     node, share = np.polynomial.legendre.leggauss(24)  # height = integral of the stretch
