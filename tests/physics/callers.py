@@ -73,7 +73,7 @@ def _numba_callers(real: type, law: Law | FrictionLaw | None) -> dict[str, Any]:
     cases = law_cases(law) if law else CASES
     source = "\n".join(map(_numba_source, cases))
     binding, of_law = numba_binding(real, False), (law.name, law.fingerprint) if law else ()
-    scope = {f"f_{case.name}": _function(binding, case) for case in cases}
+    scope = {"__name__": __name__} | {f"f_{case.name}": _function(binding, case) for case in cases}  # numba imports it to load
     with cache_folder(source_key(PHYSICS, real.__name__, *of_law, source)) as folder:
         path = folder / f"parity_{home_of(law) if law else 'physics'}.py"
         if not path.exists():
