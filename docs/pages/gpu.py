@@ -83,7 +83,7 @@ the CPU includes compiling.
 ## Maps and ledger
 
 A mass of 0.35 million m³ slides for 30 s down a slope onto a plain, with maps and ledger, and without. Small flows wait for the
-host, which reads the maps and a row of the ledger every few transfers. It takes maps while the device makes the next steps.
+host, which reads the maps and a row of the ledger every few transfers.
 
 {observed}
 
@@ -118,10 +118,9 @@ the mean over the members, from the same members by commit {versions[commits][1]
 
 {compared}
 
-A substep of millions of particles takes as long as a step or longer ({{doc}}`substeps`), and maps are summed on cells half
-as large as those of the grid, where the raster of frank_slide has 20 m. So equal cells take longer, and the error is smaller.
-With cells 1.3 times as large, whose error is below that of before at 10 m, the command takes 0.96 of the time for cells of 10 m
-and 0.81 for cells of 5 m; its members take 1.04 and 0.68. Start, terrain, hazard and report take 10 to 13 s of each.
+Equal cells take longer and have a smaller error: a substep of millions of particles takes as long as a step or longer
+({{doc}}`substeps`), and maps are summed on half cells, where the raster of frank_slide has 20 m. Start, terrain, hazard and report
+take 10 to 13 s of each.
 
 Members alone, workers and scenes included, on one and on two GPUs; two GPUs were not measured again since:
 
