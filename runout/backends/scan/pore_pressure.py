@@ -20,6 +20,7 @@ from numba import prange
 
 from runout.backends.lanes import load4, load16, local_array, select, store
 from runout.backends.scan.groups import Blocks
+from runout.backends.scan.node_columns import block_columns
 from runout.backends.scan.particles_to_grid import PLAN, heads
 from runout.backends.scan.stencil import ones, zeros
 from runout.backends.scan.tile import EFFECTIVE
@@ -88,10 +89,7 @@ def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
     """The layers of an index; empty for a dry scene."""
     if not scene.is_wet:
         return ()
-    _, column = np.unique(blocks.bxyz[: blocks.nall, :2], axis=0, return_inverse=True)
-    column = column.ravel().astype(np.int32)
-    order = np.argsort(column, kind="stable").astype(np.int32)
-    start = np.searchsorted(column[order], np.arange(column.max(initial=-1) + 2))
+    _, column, start, order = block_columns(blocks)
     areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((blocks.nown, len(scene.materials), PLAN))
     upward = np.ones((blocks.nown, PLAN), scene.dtype)
     return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype), upward)
