@@ -100,6 +100,9 @@ def test_sums_on_the_lattice_brought_to_the_raster_are_those_of_the_raster(backe
     assert found.column >= 0
     shared = on_whole(on_raster(found, a.raster, lattice_cell(a)), a.raster)
     np.testing.assert_allclose(shared.momentum, whole.momentum, rtol=0, atol=1e-9 * np.abs(whole.momentum).max())
+    by_parts = on_raster(replace(found, lanes=None), a.raster, lattice_cell(a))
+    for name in ("volume", "mass", "momentum", "depth_volume"):
+        np.testing.assert_allclose(getattr(by_parts, name), getattr(shared, name)[by_parts.window], rtol=1e-14)
 
 
 def mean_over_squares(values, width):

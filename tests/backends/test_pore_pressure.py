@@ -161,6 +161,28 @@ def test_bits_do_not_depend_on_the_number_of_threads():
     assert_same_numbers(*found)
 
 
+@pytest.mark.parametrize(("pore", "summed"), [(DRAINS, True), (PorePressure(ratio=0.7, decay_time=0.7), False)])
+def test_only_drainage_by_thickness_sums_the_columns_of_nodes(pore, summed):
+    scene = tilted(pore, materials=(SAND,), precision="float32", substeps=4)
+    engine = after(ScanBackend(1), scene, slab(scene, (4.0, 3.0, 1.0), 0.7), 2)
+    assert engine.workspace.layers.areal.any() == summed
+    assert 0.0 < engine.particles().pore_left.max() < 1.0
+
+
+def test_substeps_leave_what_remains_with_the_particles_as_single_steps_do():
+    """A decay depends on time alone: every order of substeps and slots gives its closed form, also across blocks."""
+    scene = tilted(PorePressure(ratio=0.7, decay_time=0.7), materials=(SAND,), precision="float32", substeps=4)
+    p = slab(scene, (4.0, 3.0, 1.0), 0.7)
+    p.velocity[:, 0] = 3.0
+    engine, time = loaded(ScanBackend(1), scene, p), 0.0
+    for k in range(60):
+        dt, count = 0.9 * engine.stable_step(), (4, 1, 3)[k % 3]
+        engine.step(dt, count)
+        time += count * dt
+    np.testing.assert_allclose(engine.particles().pore_left, math.exp(-time / 0.7), rtol=2e-5)
+    assert engine.counters.rebuilds > 0
+
+
 def test_a_ratio_takes_four_bytes_a_particle_where_all_start_alike():
     scene = tilted(DRAINS, materials=(SAND,), precision="float32")
     n = len(slab(scene, (6.0, 4.0, 1.0), 0.7))

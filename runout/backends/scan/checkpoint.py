@@ -38,8 +38,7 @@ class Saved(NamedTuple):
 def save(parts: Saved) -> State:
     """The state between two steps; its arrays are those of the backend and change with its next step."""
     tables, store, blocks, travelled, totals, counters = parts
-    state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.")
-    state |= arrays_of(store, ("pore_present",), "store.")
+    state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.") | arrays_of(store, prefix="store.")
     state |= {f"seconds.{stage}": np.asarray(value) for stage, value in counters.seconds.items()}
     state |= arrays_of(SimpleNamespace(**blocks._asdict()), prefix="blocks.")
     particles = arrays_of(SimpleNamespace(**store.particles._asdict()), (*SCRATCH, "radius"), "particles.")
@@ -70,5 +69,4 @@ def _store(scene: Scene, state: State) -> Store:
     for name in BY_SLOT:
         if name not in SCRATCH:
             getattr(particles, name)[: len(saved[name])] = saved[name]
-    present = np.zeros(len(particles.cell), scene.dtype) if scene.is_wet else None
-    return Store(particles, **numbers, pore_present=present)
+    return Store(particles, **numbers)

@@ -101,7 +101,7 @@ def substep(
     def run(schedule: Pass) -> float:
         w, dv = workspace, tables.constants.dv
         return float(k.substep(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, wet_step(store, tables, w, True),
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, wet_step(store, tables, w),
             buffers, w.moves.motion, first,
         ))  # fmt: skip
 
@@ -118,31 +118,26 @@ def drain(k: SimpleNamespace, blocks: Blocks, workspace: Workspace, tables: Tabl
         k.thin_layers(blocks, w.arenas.reached, w.grid, w.layers, tables.pores, c, tables.step.dt)
 
 
-def pores_of(store: Store, tables: Tables, workspace: Workspace, in_order: bool) -> Pores | tuple[()]:
-    """Pore pressure of the particles as kernels take it, by slot where these are ``in_order``; empty in a dry scene."""
-    if not workspace.layers or store.pore_left is None or store.pore_excess is None or store.pore_present is None:
+def pores_of(store: Store, tables: Tables, workspace: Workspace) -> Pores | tuple[()]:
+    """Pore pressure of the particles as kernels take it; empty in a dry scene."""
+    if not workspace.layers or store.pore_left is None or store.pore_excess is None:
         return ()
-    by_slot = store.pore_present if in_order else store.pore_present[:0]
-    return Pores(store.pore_left, store.pore_excess, tables.pores, workspace.layers.fading, by_slot)
+    return Pores(store.pore_left, store.pore_excess, tables.pores, workspace.layers.fading)
 
 
-def wet_step(store: Store, tables: Tables, workspace: Workspace, in_order: bool) -> TimeStep:
-    """What follows from the time step, with the pore pressure of the particles (:func:`pores_of`)."""
-    return tables.step._replace(pores=pores_of(store, tables, workspace, in_order))
+def wet_step(store: Store, tables: Tables, workspace: Workspace) -> TimeStep:
+    """What follows from the time step, with the pore pressure of the particles."""
+    return tables.step._replace(pores=pores_of(store, tables, workspace))
 
 
 def push(
-    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals, stamp: Any,
-    again: bool,
-) -> None:  # fmt: skip
-    """Add the impulses of the contacts to the velocities of the nodes, and book their work and impulse.
-
-    ``again``: after a substep, which has put the particles in order.
-    """
-    w, pores = workspace, pores_of(store, tables, workspace, again)
+    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals, stamp: Any
+) -> None:
+    """Add the impulses of the contacts to the velocities of the nodes, and book their work and impulse."""
+    w = workspace
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, pores, w.grid,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, pores_of(store, tables, w), w.grid,
             tables.step.dt, stamp, w.total,
         )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])

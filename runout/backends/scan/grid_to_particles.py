@@ -27,7 +27,7 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.column_drag import _add_changes
 from runout.backends.scan.domain import _lies_in_domain
-from runout.backends.scan.pore_pressure import _drain_tile, _give_left
+from runout.backends.scan.pore_pressure import _drain_tile
 from runout.backends.scan.stencil import (
     AHEAD,
     EVERY,
@@ -394,9 +394,7 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
                 if WET:
-                    _drain_tile(t, particles, step.pores, np.int64(b), np.uint64(f + k), np.uint64(count))
-                    if not alone:
-                        _give_left(step.pores, particle_index, np.uint64(f + k), count)
+                    _drain_tile(t, particles, step.pores, np.int64(b), f + k, count)
                 _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
                 before, place = (states, k) if alone else (state, f + k)
                 _follow_all_large(t, records, k, before, place, particles, f + k, groups, mats, s, cells)

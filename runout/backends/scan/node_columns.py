@@ -101,16 +101,28 @@ class FreeDrag(NamedTuple):
     gravity: Any
 
 
+def block_columns(blocks: Blocks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Places (columns, 2) of the block columns, the column of each node block, and ``start`` and ``parts`` of these.
+
+    One number for both coordinates is sorted in a quarter of the time of pairs.
+    """
+    plan = blocks.bxyz[: blocks.nall, :2].astype(np.int64)
+    low = plan.min(axis=0, initial=0)
+    width = int(plan[:, 1].max(initial=0) - low[1]) + 1
+    key, column = np.unique((plan[:, 0] - low[0]) * width + plan[:, 1] - low[1], return_inverse=True)
+    column = column.astype(np.int32)
+    parts = np.argsort(column, kind="stable").astype(np.int32)
+    start = np.searchsorted(column[parts], np.arange(len(key) + 1))
+    return np.stack([key // width, key % width], axis=1) + low, column, start, parts
+
+
 def node_columns_of(blocks: Blocks, scene: Scene) -> NodeColumns | tuple[()]:
     """The columns of nodes of an index, as far as the law of friction of a scene uses them."""
     law, spacing, real, releases = scene.basal.law, scene.spacing, scene.dtype, len(scene.materials)
     if not law.uses_area:
         return ()
     nodes = blocks.nall
-    places, column = np.unique(blocks.bxyz[:nodes, :2], axis=0, return_inverse=True)
-    column = column.ravel().astype(np.int32)
-    order = np.argsort(column, kind="stable").astype(np.int32)
-    start = np.searchsorted(column[order], np.arange(column.max(initial=-1) + 2))
+    places, column, start, order = block_columns(blocks)
     count = len(start) - 1
     dragged, slowed, owners = (nodes, count, blocks.nown) if law.drags_column else (0, 0, 0)
     owners *= not scene.basal.alike

@@ -6,14 +6,11 @@
       --middle column of each column of cells-->
     layers.fading[b, r, 16]      share of the excess that is left after half a step, for release r in 16 columns of cells of block b
     pores.left, pores.excess     by particle, which never moves: the part that remains; the excess at the start, one number if alike
-      --first substep, in the order of cells-->
-    pores.present                by slot: the part that remains, between the substeps of a transfer  --last substep-->  pores.left
       --fading-->
     share of the normal stress that grains carry, in the middle of a step: in contacts, and in the row EFFECTIVE of a tile
 
 A particle takes the layer at the middle one of the columns of nodes around it. The part that remains is advanced where the law of
-the particle is followed, at the end of each substep. Between the substeps of a transfer particles keep their slots: so that no
-substep reads in the order of the particles, the parts that remain lie by slot there. The only substep of a transfer has none.
+the particle is followed, at the end of each substep.
 """
 
 from typing import Any, NamedTuple
@@ -23,6 +20,7 @@ from numba import prange
 
 from runout.backends.lanes import load4, load16, local_array, select, store
 from runout.backends.scan.groups import Blocks
+from runout.backends.scan.node_columns import block_columns
 from runout.backends.scan.particles_to_grid import PLAN, heads
 from runout.backends.scan.stencil import ones, zeros
 from runout.backends.scan.tile import EFFECTIVE
@@ -47,15 +45,12 @@ class Pores(NamedTuple):
         Numbers of each release.
     fading : (nown, releases, 16) real
         Share of the excess that is left after half a step [1].
-    present : (slots,) or (0,) real
-        As ``left``, by slot, once the first substep of several has begun; nothing before.
     """
 
     left: np.ndarray
     excess: np.ndarray
     records: np.ndarray
     fading: np.ndarray
-    present: np.ndarray
 
 
 class Numbers(NamedTuple):
@@ -94,10 +89,7 @@ def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
     """The layers of an index; empty for a dry scene."""
     if not scene.is_wet:
         return ()
-    _, column = np.unique(blocks.bxyz[: blocks.nall, :2], axis=0, return_inverse=True)
-    column = column.ravel().astype(np.int32)
-    order = np.argsort(column, kind="stable").astype(np.int32)
-    start = np.searchsorted(column[order], np.arange(column.max(initial=-1) + 2))
+    _, column, start, order = block_columns(blocks)
     areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((blocks.nown, len(scene.materials), PLAN))
     upward = np.ones((blocks.nown, PLAN), scene.dtype)
     return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype), upward)
@@ -188,16 +180,16 @@ def thin_layers(blocks, reached, grid, layers, records, constants, dt):
                         fading[b, r, c] = remaining_share(thickness, real(0.5) * dt, records[r])
 
 
-def _excess_of(pores, w):
-    """Excess pressure ratio of particle ``w`` at the start."""
-    return pores.excess[w] if len(pores.excess) > 1 else pores.excess[0]
+def _effective(pores, label, w, b, cell):
+    """Share of the normal stress that the grains of particle ``w``, in a cell of block ``b``, carry in the middle of the step."""
+    r = np.int64(label[w, 0]) if len(pores.records) > 1 else 0
+    excess = pores.excess[w] if len(pores.excess) > 1 else pores.excess[0]
+    share = pores.fading[b, r, (np.int64(cell) & 63) >> 2]
+    return effective_share(excess, share * pores.left[w], pores.records[r]), share
 
 
 def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
-    """Fill the shares of the normal stress that grains carry, in the middle of the step, at ``n`` contacts.
-
-    They begin with number ``q`` of block ``b``. Returns block and number of the next one.
-    """
+    """The same for ``n`` contacts from number ``q`` of block ``b`` on; returns block and number of the next one."""
     listed, first, touching = particles.listed, blocks.first, contacts.touching
     for k in range(n):
         while q == touching[b]:
@@ -205,61 +197,34 @@ def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
             q = 0
         p = np.int64(listed[first[b] + q])
         w = np.int64(particles.particle_index[p])
-        r = np.int64(particles.label[w, 0]) if len(pores.records) > 1 else 0
-        left = pores.present[p] if len(pores.present) > 0 else pores.left[w]
-        share = pores.fading[b, r, (np.int64(particles.cell[p]) & 63) >> 2]
-        effective[k] = effective_share(_excess_of(pores, w), share * left, pores.records[r])
+        effective[k], _ = _effective(pores, particles.label, w, b, particles.cell[p])
         q += 1
     for k in range(n, 16):
         effective[k] = real(1.0)
     return b, q
 
 
-def _take_left(pores, particle_index, f, held):
-    """Bring what remains of the excess of the particles of a block, which lie in the order of cells, to their slots."""
-    for p in range(f, f + np.uint64(held)):
-        pores.present[p] = pores.left[np.uint64(particle_index[p])]
-
-
-def _give_left(pores, particle_index, f, count):
-    """Bring it back from ``count`` slots to the particles."""
-    for p in range(f, f + np.uint64(count)):
-        pores.left[np.uint64(particle_index[p])] = pores.present[p]
-
-
-def _drain_in_order(t, pores, cell, b, f, count):
-    """As ``_drain_tile`` by slot, where all particles start alike; the second loop runs in vector lanes."""
-    present, fading, row = pores.present, pores.fading, np.uint64(b)
+def _drain_alike(t, particles, pores, b, first, count):
+    """As ``_drain_tile`` where all particles start alike: numbers that do not change stay in registers."""
+    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
     pore, excess = Numbers(pores.records[0].equilibrium, pores.records[0].closure), pores.excess[0]
     for p in range(count):
-        t[EFFECTIVE, p] = fading[row, np.uint64(0), (np.uint64(cell[f + p]) & np.uint64(63)) >> np.uint64(2)]
-    for p in range(count):
-        share = t[EFFECTIVE, p]
-        half = share * present[f + p]
-        present[f + p] = share * half
+        w = np.int64(particle_index[first + p])
+        share = pores.fading[b, 0, (np.int64(cell[first + p]) & 63) >> 2]
+        half = share * left[w]
         t[EFFECTIVE, p] = effective_share(excess, half, pore)
+        left[w] = share * half
 
 
-def _drain_each(t, particles, pores, b, f, count):
-    """As ``_drain_tile``, particle by particle."""
-    for p in range(count):
-        w = np.uint64(particles.particle_index[f + p])
-        r = np.int64(particles.label[w, 0]) if len(pores.records) > 1 else 0
-        share = pores.fading[b, r, (np.int64(particles.cell[f + p]) & 63) >> 2]
-        half = share * (pores.present[f + p] if len(pores.present) > 0 else pores.left[w])
-        t[EFFECTIVE, p] = effective_share(_excess_of(pores, w), half, pores.records[r])
-        if len(pores.present) > 0:
-            pores.present[f + p] = share * half
-        else:
-            pores.left[w] = share * half
-
-
-def _drain_tile(t, particles, pores, b, f, count):
-    """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``f`` on, and advance what remains of their excess."""
-    whole = (count + np.uint64(15)) & ~np.uint64(15)
-    if len(pores.records) == 1 and len(pores.excess) == 1 and len(pores.present) > 0:
-        _drain_in_order(t, pores, particles.cell, b, f, whole)
+def _drain_tile(t, particles, pores, b, first, count):
+    """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
+    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
+    if len(pores.records) == 1 and len(pores.excess) == 1:
+        _drain_alike(t, particles, pores, b, first, count)
     else:
-        _drain_each(t, particles, pores, b, f, count)
-    for p in range(count, whole):
+        for p in range(count):
+            w = np.int64(particle_index[first + p])
+            t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
+            left[w] = share * share * left[w]
+    for p in range(count, (count + 15) & ~15):
         t[EFFECTIVE, p] = real(1.0)

@@ -68,8 +68,6 @@ class Store:
         [m]
     pore_left, pore_excess : (particles,), or None
         Pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene.
-    pore_present : (slots,), or None
-        As ``pore_left``, by slot, within a transfer of several substeps; None in a dry scene.
     """
 
     particles: groups.Particles
@@ -84,7 +82,6 @@ class Store:
     largest_radius: float
     pore_left: np.ndarray | None = None
     pore_excess: np.ndarray | None = None
-    pore_present: np.ndarray | None = None
 
     @classmethod
     def of(cls, slots: int, end: int, n: int, scene: Scene) -> "Store":
@@ -94,8 +91,7 @@ class Store:
             force=_zeros(n, 4, scene.dtype), radius=radius, label=np.zeros((n, 2), np.int32)
         )
         pores = (np.zeros(n, scene.dtype), np.zeros(n, scene.dtype)) if scene.is_wet else (None, None)
-        by_slot = _slots(slots, (), scene.dtype) if scene.is_wet else None
-        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0, *pores, by_slot)
+        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0, *pores)
 
     def put(self, particle_index: np.ndarray, slots: np.ndarray, p: Particles, scene: Scene) -> None:
         """Put particles with some indices (m,) into the ``slots`` of all; the records hold no stress yet (time step 0)."""
@@ -146,8 +142,6 @@ class Store:
             grown[name] = _slots(slots, before.shape[1:], before.dtype)
             grown[name][:old] = before[:old]
         self.particles = p._replace(**grown)
-        if self.pore_present is not None:
-            self.pore_present = _slots(slots, (), self.pore_present.dtype)
 
     def move(self, source: np.ndarray, target: np.ndarray) -> None:
         """Move the particles of the slots ``source`` (m,) to the free slots ``target`` (m,)."""
@@ -168,7 +162,7 @@ class Store:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess, "pore_present": self.pore_present}
+        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess}
         pores = {name: values for name, values in own.items() if values is not None}
         return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes, **pores)
 

@@ -41,7 +41,7 @@ from runout.backends.scan.particles_to_grid import (
     heads,
     local_places,
 )
-from runout.backends.scan.pore_pressure import _drain_tile, _take_left
+from runout.backends.scan.pore_pressure import _drain_tile
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
@@ -181,8 +181,6 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     _expect_list(order, index, blocks, b)
                     _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
                     _put_in_order(rec, state, held, np.uint64(f), records, states)
-                    if WET:
-                        _take_left(step.pores, index, np.uint64(f), held)
                 _expect_next(rec, state, order, blocks, b, nodes)
                 lost = zeros(rec)
                 q = np.int64(0)
@@ -195,7 +193,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     _load_tile(t, records, k, state, f + k, groups)
                     _load_sums(t, rec, f + k, groups)
                     if WET:
-                        _drain_tile(t, particles, step.pores, np.int64(b), np.uint64(f + k), np.uint64(count))
+                        _drain_tile(t, particles, step.pores, np.int64(b), f + k, count)
                     _follow_tile(t, index, label, np.uint64(f + k), np.uint64(count), mats, s4, cells)
                     _follow_all_large(t, records, k, state, f + k, particles, f + k, groups, mats, s4, cells)
                     _store_tile(t, records, k, state, f + k, groups)
