@@ -4,6 +4,7 @@ The files come one after another. The values of each go by tiles of the raster i
 then the statistics of each tile are made of the values of all members. Where no member arrives there is no tile.
 """
 
+import json
 import math
 import mmap
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -18,13 +19,13 @@ from numpy.typing import DTypeLike
 from runout.errors import StorageError
 from runout.hazard.danger import INTENSITY, LEVEL, RATE, DangerClasses
 from runout.hazard.frequency import Frequencies, annual_exceedance, at_return_period
-from runout.hazard.joint import NOWHERE, conditions_of, recorded_places, require_conditions, with_conditions
+from runout.hazard.joint import NOWHERE, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
 from runout.hazard.sampling import Estimator, Strata, evenness, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
-from runout.model.joint_conditions import Condition, Key, meets
+from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, meets, places_in, to_record
 from runout.quantities import (
     ALL_QUANTITIES,
     ARRIVAL,
@@ -76,7 +77,7 @@ def aggregate(
     folder: Path | None = None,
     each: Callable[[int, MemberMaps], None] | None = None,
 ) -> "xr.Dataset":
-    """Hazard maps of the members' files, on their raster; every file is opened once, and before where members record conditions.
+    """Hazard maps of the members' files, on their raster; every file is opened once.
 
     Memory is bounded by ``memory_bytes``, the caches of an open file (8 MiB a map) and the maps, whose zeros take none.
     Probability is the summed weight of the members whose maximum reaches the threshold, with the standard error of
@@ -128,12 +129,12 @@ def aggregate(
     if len(thresholds.get("thickness", ())) == 0:
         raise ValueError("no threshold of the flow thickness is given; inundation needs one, for example 0.1 m")
     w = normalised(weights, len(members))
-    places = recorded_places(members, [*joint, *(danger.scheme.conditions if danger else ())])
-    danger = replace(danger, places=places) if danger else None
+    asked = to_record([*joint, *(danger.scheme.conditions if danger else ())])
     side = _side(w, memory_bytes)
     with ExitStack() as stack:
         for number, path in enumerate(members):
             with MemberMaps(path) as member:
+                places = places_in(str(member.attributes.get(ATTRIBUTE, "[]"))) if asked else {}
                 if number == 0:
                     quantities = _quantities_of(member, thresholds, joint)
                     others = (ARRIVAL, *((MET,) if places else ()))
@@ -142,7 +143,7 @@ def aggregate(
                     per_cell = _BYTES_PER_CELL * max(1.0, layers / len(MEMBER_MAPS))
                     place = folder or Path(path).parent
                     store = stack.enter_context(TileStore(place, layers, side**2, memory_bytes // 4))
-                    empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities, places)
+                    empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
                     if frequencies is not None:
                         empty = with_annual_maps(empty, return_periods, quantities)
                     empty = danger.add_to(empty) if danger else empty
@@ -151,9 +152,11 @@ def aggregate(
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
                     each(number, member)
-                for block in member.blocks(int(memory_bytes / per_cell), names):
+                maps.places = dict(maps.places.items() & places.items())
+                for block in member.blocks(int(memory_bytes / per_cell), [name for name in names if name != MET or places]):
                     maps.take(number, block)
         store.finish()
+        maps.tell_places()
         for tile in store:
             maps.place(tile)
     return maps.finished()
@@ -204,14 +207,14 @@ class _Maps:
     danger : DangerClasses, optional
         Classes of intensity and levels of danger.
     places : mapping
-        Bits of the conditions that members record.
+        Bits of the conditions that the first member records; those that all members record once these are taken.
     """
 
     def __init__(
         self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator | Strata,
         frequencies: Frequencies | None = None, danger: DangerClasses | None = None, places: Mapping[Key, int] = NOWHERE,
     ):  # fmt: skip
-        self.frequencies, self.places = frequencies, places
+        self.frequencies, self.places, self.records = frequencies, places, bool(places)
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
         self.danger = danger
         self.joint = conditions_of(dataset)
@@ -240,11 +243,20 @@ class _Maps:
         for quantity, layer in zip(self.quantities.values(), layers, strict=True):
             if np.isnan(layer.min()):
                 self.maps[quantity.peak][place][np.isnan(layer)] = np.nan
-        met = [np.nan_to_num(block.maps[MET])] if self.places else []
+        met = [np.nan_to_num(block.maps.get(MET, np.zeros_like(layers[0])))] if self.records else []
         rows, columns, values = reached_tiles([*layers, block.maps[ARRIVAL], *met], self.side)
         if len(rows):
             numbers = (block.rows.start // self.side + rows) * self.across + block.columns.start // self.side + columns
             self.store.add(member, numbers, values)
+
+    def tell_places(self) -> None:
+        """State which conditions all members record, in the words of the joint conditions and in the record of the scheme."""
+        if self.joint:
+            self.dataset = with_conditions(self.dataset, self.joint, self.places)
+        if self.danger:
+            self.danger = replace(self.danger, places=self.places)
+            for name in {INTENSITY, LEVEL} & self.maps.keys():
+                self.dataset[name].attrs["scheme_record"] = json.dumps(self.danger.record())
 
     def place(self, tile: int) -> None:
         """Put the statistics of a tile into the maps."""
@@ -423,7 +435,6 @@ def empty_maps(
     joint: Sequence[Condition],
     weights: np.ndarray,
     quantities: Mapping[str, MapQuantity] = QUANTITIES,
-    places: Mapping[Key, int] = NOWHERE,
 ) -> "xr.Dataset":
     """All maps of ``quantities`` at zero, and no arrival, on the raster of ``dataset``, which has nothing but its place.
 
@@ -432,7 +443,7 @@ def empty_maps(
     shape = (dataset.sizes["y"], dataset.sizes["x"])
     dataset = dataset.assign_coords(percentile=np.unique(np.asarray(percentiles, np.float64)))
     dimensions = {"joint": "joint"} if joint else {}
-    dataset = with_conditions(dataset, joint, places) if joint else dataset
+    dataset = with_conditions(dataset, joint) if joint else dataset
     for name, quantity in quantities.items():
         for product in filter(None, (quantity.peak, *quantity.means)):
             netcdf.add_map(dataset, product, zeros_by_page(shape, np.float32))

@@ -1,13 +1,11 @@
 """Joint conditions of an ensemble: which of them its members record at one time, and the dimension of their maps."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.io import netcdf
-from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, flow_part, is_bounded, places_in, to_record
+from runout.model.joint_conditions import Condition, Key, flow_part, is_bounded
 from runout.quantities import ALL_QUANTITIES
 from runout.variables import VARIABLES
 
@@ -16,20 +14,6 @@ if TYPE_CHECKING:
 
 NOWHERE: Mapping[Key, int] = {}
 BOUNDED = "; only bounded, so that the area is too large rather than too small: members do not record it"
-
-
-def recorded_places(files: Sequence[Path], conditions: Sequence[Condition]) -> dict[Key, int]:
-    """Bits of the conditions in the map of conditions that are met at one time, of those that all members record.
-
-    No file is read if none of the ``conditions`` needs a record. Raises StorageError if a file cannot be read.
-    """
-    if not to_record(conditions):
-        return {}
-    recorded: set[tuple[Key, int]] | None = None
-    for path in files:
-        of_file = set(places_in(str(netcdf.read_attributes(path).get(ATTRIBUTE, "[]"))).items())
-        recorded = of_file if recorded is None else recorded & of_file
-    return dict(recorded or ())
 
 
 def require_conditions(conditions: Sequence[Condition]) -> None:

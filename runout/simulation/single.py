@@ -160,8 +160,7 @@ def simulate(
         snapshot_particles=snapshot_particles, probes=probes.on(terrain) if probes else None, bulking=bulking,
         joint_conditions=joint_conditions,
     )  # fmt: skip
-    named = named_structures(structures)
-    engine = get_backend(backend, device, threads)
+    named, engine = named_structures(structures), get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
     require_starts(releases, end_time)
     inflows, masses = inflows_of(inflow), [*releases, *map(mass_at, inflows_of(inflow))]
