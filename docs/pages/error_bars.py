@@ -7,7 +7,7 @@ from typing import Any
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 from runout.forecast.accuracy import BOUNDS, PRESETS
 from runout.forecast.numerical_error import MAP, MAP_ORDER, MAP_SAFETY, ORDER, SAFETY, SCATTERS, SHARE
-from runout.studies.convergence import COARSER, GROUND
+from runout.studies.convergence import COARSER, PAIRED
 
 FILE = "error_bars.json"
 COLUMNS = (
@@ -26,9 +26,10 @@ cells, and the scatter of the runs. The order is given: one that is fitted to fe
 
 Coarse grids filter the relief of a few raster cells, and grids finer than 0.67 raster cells meet it again
 ({{doc}}`../decisions/07-ground-surface`). No trend through coarse grids shows that, and a fit through grids on both sides of this
-change is wrong. So all runs have the ground of the site's grid. Where finer grids meet more relief, one more run, with cells
-{ground_ratio:g} times as large, has it. The difference that it makes is the part of the ground. Grids coarser than the raster lose
-more on this relief than finer ones do, so that this part is rather too large.
+change is wrong. So all runs have the ground of the site's grid. One more run, with cells {ground_ratio:g} times as large, has the
+relief that this grid filters, or lacks that which it has. Where the grid filters it, the part of the ground is the whole difference
+that the run makes. Where it resolves it, the part is that difference times the square of the cells of the grid over those of the
+raster: waves of two raster cells then have an error of second order.
 
 The bar of a quantity is {safety:g} times the root of the sum of squares of the trend, of {scatters:g} scatters, of the ground, and
 of {share:g} of the error of its map. The last part holds where a quantity turns between the grids and has no trend.
@@ -95,9 +96,15 @@ were held out. The median bar is {ratio:.1f} times the median difference ({ratio
 
 {weakest}
 
-    python -m tests.benchmarks.error_bar_coverage {options}
+{left_out}    python -m tests.benchmarks.error_bar_coverage {options}
 
 RECORD is the record above, before the part of the ground; the new one is in it as `with_ground`.
+
+"""
+LEFT_OUT = """With one site left out, the others choose the tightest numbers that hold 9 of 10 of their bars. With these, the bars
+of the site that was left out hold in {held} of {count} cases ({part} %):
+
+{table}
 
 """
 THIN = """## Speed of thin flows
@@ -136,7 +143,7 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         map_safety=MAP_SAFETY,
         scatters=SCATTERS,
         share=SHARE,
-        ground_ratio=GROUND,
+        ground_ratio=PAIRED,
         without="" if "ground" in cases[0] else WITHOUT,
         order=ORDER,
         map_order=MAP_ORDER,
@@ -223,8 +230,23 @@ def _with_ground(content: Mapping[str, Any] | None, earlier: Sequence[Mapping[st
         ratio_before=same["ratio"],
         sites=_table(cases, "site", "site"),
         weakest=_by_site(cases),
+        left_out=_left_out(content.get("left_out", ())),
         **{name: content[name] for name in ("engines", "options")},
     )
+
+
+def _left_out(sites: Sequence[Mapping[str, Any]]) -> str:
+    """Coverage on each site with constants of the others, in Markdown; empty without."""
+    if not sites:
+        return ""
+    names = "SAFETY", "MAP_SAFETY", "SCATTERS", "SHARE"
+    rows = []
+    for row in sites:
+        held = f"{row['holds'] * row['bars']:.0f} of {row['bars']}", f"{100 * row['holds']:.0f} %", f"{row['ratio']:.1f}"
+        rows.append((row["site"], *(f"{row[name]:g}" for name in names), *held))
+    held, count = sum(row["holds"] * row["bars"] for row in sites), sum(row["bars"] for row in sites)
+    heads = ("site left out", "trend", "map", "scatters", "share of the map", "bars that hold", "", "ratio")
+    return LEFT_OUT.format(table=markdown(heads, rows), held=f"{held:.0f}", count=count, part=f"{100 * held / count:.0f}")
 
 
 def _split(record: Mapping[str, Any]) -> str:

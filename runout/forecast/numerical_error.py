@@ -9,8 +9,8 @@ them, by least squares with weights of 1/h (Eca & Hoekstra 2014, J. Comput. Phys
 of the runs. The order p is given, not fitted: an order that is fitted to few runs turns with their scatter.
 
 Coarse grids do not meet the relief of a few cells of the raster (:mod:`runout.terrain.relief`), finer ones do. No fit through
-coarse grids sees that, and grids on both sides of this change have no trend. So all runs have the ground of the site's grid, and
-one more has that of a fine one; the difference that it makes is a part of the bar of its own.
+coarse grids sees that, and grids on both sides of this change have no trend. So all runs have the ground of the site's grid. One
+more run has this relief, or lacks it; the difference that it makes is a part of the bar of its own.
 """
 
 import json
@@ -48,7 +48,7 @@ class ErrorBar:
     fine: float | None  # value on the finest grid; None for a map
     trend: float  # difference from a grid of vanishing cells by the fit, in the unit of the quantity
     scatter: float  # standard deviation of the runs about the fit; of a map the noise of its own grid
-    ground: float  # difference by the relief of the raster that finer grids meet, in the unit of the quantity
+    ground: float  # error by the relief of a few raster cells, in the unit of the quantity
     # the bar: :data:`SAFETY` times the root of the sum of squares of the trend, of :data:`SCATTERS` scatters, of the ground, and of
     # :data:`SHARE` of the error of the map. For a map, that of :data:`MAP_SAFETY` trends and noises and of :data:`SAFETY` grounds
     error: float

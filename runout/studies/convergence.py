@@ -36,12 +36,12 @@ SHIFT = 0.382  # cells between the shifts of one run and the next
 MAPS = {BAR_MAPS.get(name, name): of_run for name, of_run in OF_MEMBER.items()}  # name in the study -> map of a run
 FROM_MAP = {"peak_speed": "speed"}  # map that a quantity is taken from, where it is not that of flow thickness
 MOST_ESCAPED = 0.01  # share of the mass beyond the terrain up to which run-out is known
-GROUND = 1.2  # of these, the grid that also runs on the ground of a fine one
+PAIRED = 1.2  # of these, the grid that also runs on another ground
 METHOD = (
     "Each coarser grid was shifted against the terrain, with other positions of the particles. A fit through all runs, of order "
     f"{ORDER:g} in the cell size, gives the trend, which is the difference from a grid of vanishing cells, and the scatter of the "
-    "runs about it. All have the ground of the site's grid. If finer grids meet relief of the raster that this one filters, one "
-    "more run has it, and the difference that it makes is that of the ground. The error is "
+    "runs about it. All have the ground of the site's grid. One more run has the relief of a few raster cells that this grid "
+    "filters, or lacks that which it has; the part of the difference that is an error is that of the ground. The error is "
     f"{SAFETY:g} times the root of the sum of squares of the trend, of {SCATTERS:g} scatters, of the ground, and of {SHARE:g} of "
     f"the error of the map; that of a map is the root of the sum of squares of {MAP_SAFETY:g} times trend and noise, and of "
     f"{SAFETY:g} times the ground. Run-out is the horizontal distance from the centre of the released mass. Areas count fractions "
@@ -61,6 +61,27 @@ class Run:
     particles: int
 
 
+@dataclass(frozen=True)
+class Ground:
+    """Parts of the natural waves of two cells of a raster that the grounds of a study keep: ``fine_relief`` of the terrain."""
+
+    own: float  # of all grids
+    other: float | None = None  # of one more run; None if the ground is the same with it
+    weight: float = 1.0  # error over the difference that this run makes
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two runs of one grid, on another ground and on that of all grids, and how much of their difference is an error."""
+
+    other: Run
+    own: Run
+    weight: float
+
+
+FILTERED = Ground(0.0)
+
+
 def study(
     site: "Site",
     *,
@@ -72,8 +93,8 @@ def study(
 
     The scenario, every sampled parameter at its median, runs on the site's grid and on coarser ones with the same number of
     particles a cell and the same volume. Each coarser grid is also shifted against the terrain, upwards by another part of a cell,
-    with other positions of the particles. All have the ground of the site's grid. If finer grids meet relief of the raster that
-    this one filters, the grid of :data:`GROUND` also runs on their ground.
+    with other positions of the particles. All have the ground of the site's grid. The grid of :data:`PAIRED` also runs with the
+    relief of a few raster cells that the site's grid filters, or without that which it has.
 
     Parameters
     ----------
@@ -103,15 +124,16 @@ def study(
     spacing = np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
     _require_room(arguments, max(coarser) * spacing)
     thresholds = site.settings.hazard.thickness_thresholds
-    grids = plan(coarser, grounds(arguments["terrain"], spacing[:2]))
+    ground = grounds(arguments["terrain"], spacing[:2])
+    grids = plan(coarser, ground)
     costs = np.cumsum([ratio**-4.0 for ratio, *_ in grids])
     made: list[Run] = []
-    for (ratio, number, ground), cost in zip(grids, costs, strict=True):
-        made.append(run_once(arguments, ratio, number * SHIFT, number, thresholds, simulate, ground))
+    for (ratio, number, part), cost in zip(grids, costs, strict=True):
+        made.append(run_once(arguments, ratio, number * SHIFT, number, thresholds, simulate, part))
         LOGGER.info("cells of %.4g m, shifted by %.2g: %.1f s", ratio * spacing[0], number * SHIFT % 1.0, made[-1].seconds)
         if progress:
             progress(cost / costs[-1])
-    runs, pair = paired(made, grids)
+    runs, pair = paired(made, grids, ground.weight)
     return {
         "site": site.name,
         "scenario": median_parameters(site.settings),
@@ -123,58 +145,63 @@ def study(
     }
 
 
-def grounds(terrain: "Terrain", spacing: Sequence[float]) -> tuple[float, ...]:
-    """Part of the natural waves of two cells that all grids keep (:class:`~runout.model.terrain.Terrain`): that of the site's grid.
+def grounds(terrain: "Terrain", spacing: Sequence[float]) -> Ground:
+    """Grounds of a study: the whole of the relief, or nothing of it, is the other one where the raster has such relief.
 
-    And 1, where finer grids meet more of them.
+    On a grid that filters it, the whole difference is an error. On one that resolves it, waves of two cells of the raster have an
+    error of the square of the cells of the grid over those of the raster.
     """
     own = resolved_in(spacing, terrain.cell_size) if terrain.fine_relief is None else terrain.fine_relief
-    pair = (replace(terrain, fine_relief=part) for part in (own, 1.0))
+    other = 1.0 if own < 0.5 else 0.0
+    pair = (replace(terrain, fine_relief=part) for part in (own, other))
     surfaces = (raster_surface(one, None, (float(spacing[0]), float(spacing[1]))).coefficients for one in pair)
-    return (own,) if np.array_equal(*surfaces) else (own, 1.0)
+    if np.array_equal(*surfaces):
+        return Ground(own)
+    ratio = max(h / one for h, one in zip(spacing, terrain.cell_size, strict=True))
+    return Ground(own, other, (1.0 - own * (1.0 - min(ratio, 1.0) ** 2)) / abs(other - own))
 
 
-def plan(coarser: Sequence[float] = COARSER, ground: Sequence[float] = (0.0,)) -> list[tuple[float, int, float]]:
+def plan(coarser: Sequence[float] = COARSER, ground: Ground = FILTERED) -> list[tuple[float, int, float]]:
     """Cell size over the site's, number and ground of each run, coarse first; the site's own has number 0 and is not shifted.
 
-    ``ground`` is that of :func:`grounds`. The second one has a run of the cells nearest to :data:`GROUND`, with the number of that
-    on the first.
+    The other ground has a run of the cells nearest to :data:`PAIRED`, with the number of that on the own one.
     """
-    grids = [(ratio, k + 1, ground[0]) for k, ratio in enumerate(sorted(coarser, reverse=True))]
-    ratio, number, _ = min(grids, key=lambda grid: abs(grid[0] - GROUND))
-    return [*((ratio, number, other) for other in ground[1:]), *grids, (1.0, 0, ground[0])]
+    grids = [(ratio, k + 1, ground.own) for k, ratio in enumerate(sorted(coarser, reverse=True))]
+    ratio, number, _ = min(grids, key=lambda grid: abs(grid[0] - PAIRED))
+    first = [] if ground.other is None else [(ratio, number, ground.other)]
+    return [*first, *grids, (1.0, 0, ground.own)]
 
 
-def paired(made: Sequence[Run], grids: Sequence[tuple[float, int, float]]) -> tuple[list[Run], tuple[Run, ...]]:
-    """Runs on the ground of the site's grid, and that on the ground of a fine one with its like among them, if there is one."""
+def paired(made: Sequence[Run], grids: Sequence[tuple[float, int, float]], weight: float) -> tuple[list[Run], Pair | None]:
+    """Runs on the ground of all grids, and that on another ground with its like among them, if there is one."""
     own = [run for run, grid in zip(made, grids, strict=True) if grid[2] == grids[-1][2]]
     if len(own) == len(made):
-        return own, ()
+        return own, None
     number = grids[0][1]
-    return own, (made[0], next(run for run, grid in zip(made[1:], grids[1:], strict=True) if grid[1] == number))
+    like = next(run for run, grid in zip(made[1:], grids[1:], strict=True) if grid[1] == number)
+    return own, Pair(made[0], like, weight)
 
 
-def bars(runs: Sequence[Run], pair: Sequence[Run] = ()) -> dict[str, ErrorBar]:
-    """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest.
-
-    ``pair``: two runs of one grid on the ground of a fine grid and on that of the site's; their difference is that of the ground.
-    """
+def bars(runs: Sequence[Run], pair: Pair | None = None) -> dict[str, ErrorBar]:
+    """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest."""
     ratios, fine = [run.ratio for run in runs], runs[-1]
     of_map = {name: _bar_of_map(runs, pair, name) for name in ("flow_thickness", "speed")}
     error_bars = {}
     for name in fine.quantities:
-        values, by_ground = ([run.quantities[name] for run in some] for some in (runs, pair))
-        if np.isfinite([*values, *by_ground]).all():
+        values, by_ground = [run.quantities[name] for run in runs], 0.0
+        if pair:
+            by_ground = pair.weight * abs(pair.other.quantities[name] - pair.own.quantities[name])
+        if np.isfinite([*values, by_ground]).all():
             map_error = of_map[FROM_MAP.get(name, "flow_thickness")].error
-            error_bars[name] = ErrorBar.of_value(ratios, values, map_error, float(np.ptp(by_ground)) if pair else 0.0)
+            error_bars[name] = ErrorBar.of_value(ratios, values, map_error, by_ground)
         else:
             LOGGER.warning("%s has no error bar: more than %g %% of the mass left the terrain", name, 100 * MOST_ESCAPED)
     return {**error_bars, MAP: of_map["flow_thickness"]}
 
 
-def _bar_of_map(runs: Sequence[Run], pair: Sequence[Run], name: str) -> ErrorBar:
-    ground = _distances(pair, name)[0] if pair else 0.0
-    return ErrorBar.of_map([run.ratio for run in runs[:-1]], _distances(runs, name), ground)
+def _bar_of_map(runs: Sequence[Run], pair: Pair | None, name: str) -> ErrorBar:
+    by_ground = pair.weight * _distances([pair.other, pair.own], name)[0] if pair else 0.0
+    return ErrorBar.of_map([run.ratio for run in runs[:-1]], _distances(runs, name), by_ground)
 
 
 def _distances(runs: Sequence[Run], name: str) -> list[float]:
@@ -245,7 +272,7 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
     return values
 
 
-def _fields(runs: Sequence[Run], pair: Sequence[Run], site: "Site", cell_area: float) -> list[dict[str, Any]]:
+def _fields(runs: Sequence[Run], pair: Pair | None, site: "Site", cell_area: float) -> list[dict[str, Any]]:
     """Differences of the maps of the site's grid from those of a coarser one, and their errors over these differences."""
     ratios, fine = [run.ratio for run in runs[:-1]], runs[-1]
     other = min(range(len(ratios)), key=lambda k: abs(ratios[k] - COMPARED))

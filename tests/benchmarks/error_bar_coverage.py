@@ -36,7 +36,7 @@ from docs.pages.error_bars import FILE, coverage
 from runout.forecast import numerical_error
 from runout.forecast.numerical_error import MAP
 from runout.io.atomic import whole_file, write_json
-from runout.studies.convergence import SHIFT, Run, bars, grounds, paired, plan, relative_l1, run_once
+from runout.studies.convergence import SHIFT, Ground, Pair, Run, bars, grounds, paired, plan, relative_l1, run_once
 
 SITES = Path(__file__).parents[2] / "sites"
 CHOSEN_BY = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]
@@ -135,10 +135,10 @@ def spacing(site: str, cells: float) -> float:
 
 
 @cache
-def grids(site: str, cells: float) -> tuple[tuple[float, int, float], ...]:
-    """Ratio, number and ground of each run of a case."""
-    terrain, _ = problem(site, 15.0)
-    return tuple(plan(ground=grounds(terrain["terrain"], (spacing(site, cells),) * 2)))
+def ground(site: str, cells: float) -> Ground:
+    """Grounds of the runs of a case."""
+    arguments, _ = problem(site, 15.0)
+    return grounds(arguments["terrain"], (spacing(site, cells),) * 2)
 
 
 def made_site() -> dict[str, Any]:
@@ -178,8 +178,9 @@ def tasks(cases: Sequence[str], cells: Sequence[float], truth: float, **run: Any
         for friction in map(float, angles.split(",")):
             by_name[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
             for through in cells:
+                grids = plan(ground=ground(site, through))
                 by_name[site, friction, through] = [
-                    Task(site, friction, through, ratio, k, fine_relief=part, **run) for ratio, k, part in grids(site, through)
+                    Task(site, friction, through, ratio, k, fine_relief=part, **run) for ratio, k, part in grids
                 ]
     return by_name
 
@@ -209,7 +210,7 @@ def cases_of(
     for (site, friction, cells), each in plans.items():
         if cells != truth:
             made = [(task.ratio, task.number, task.fine_relief or 0.0) for task in each]
-            runs, pair = paired([finished(task, folder) for task in each], made)
+            runs, pair = paired([finished(task, folder) for task in each], made, ground(site, cells).weight)
             case = {"site": Path(site).name, "friction": friction, "cells": cells}
             if known:
                 quantities = judged_again(runs, pair, [one for one in known if case.items() <= one.items()])
@@ -224,7 +225,7 @@ def angles_of(cases: Sequence[str], site: str) -> tuple[float, ...]:
     return tuple(float(angle) for case in cases if case.startswith(f"{site}:") for angle in case.split(":")[1].split(","))
 
 
-def judged(runs: Sequence[Run], pair: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
+def judged(runs: Sequence[Run], pair: Pair | None, true: Sequence[Run]) -> Iterator[dict[str, Any]]:
     """Each quantity with the error bar of ``runs``, the finest last, and its difference from the mean of the true runs.
 
     ``pair`` is that of :func:`runout.studies.convergence.paired`.
@@ -245,7 +246,7 @@ def judged(runs: Sequence[Run], pair: Sequence[Run], true: Sequence[Run]) -> Ite
             yield {"quantity": name, **bar.as_dict(name), **entry, "holds": bool(difference <= bar.error)}
 
 
-def judged_again(runs: Sequence[Run], pair: Sequence[Run], known: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+def judged_again(runs: Sequence[Run], pair: Pair | None, known: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Each quantity of earlier cases with the error bar of ``runs``, as :func:`judged`; maps have the earlier difference."""
     error_bars = bars(runs, pair)
     for case in known:
@@ -255,17 +256,37 @@ def judged_again(runs: Sequence[Run], pair: Sequence[Run], known: Sequence[Mappi
         yield {"quantity": case["quantity"], **bar.as_dict(case["quantity"]), **entry}
 
 
-def constants(
+def tried_constants(
     plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path, known: Sequence[Mapping[str, Any]]
-) -> Iterator[str]:
-    """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
+) -> Iterator[tuple[dict[str, float], list[dict[str, Any]]]]:
+    """Other constants of a bar, and all cases with them."""
     for safety, of_map, scatters, share in product((1.0, 1.25, 1.5), (1.25, 1.5, 1.75, 2.0), (1.0, 2.0), (0.25, 0.35, 0.45, 0.6)):
-        with patch.multiple(numerical_error, SAFETY=safety, MAP_SAFETY=of_map, SCATTERS=scatters, SHARE=share):
-            cases = list(cases_of(plans, truth, folder, known))
+        numbers = {"SAFETY": safety, "MAP_SAFETY": of_map, "SCATTERS": scatters, "SHARE": share}
+        with patch.multiple(numerical_error, **numbers):
+            yield numbers, list(cases_of(plans, truth, folder, known))
+
+
+def constants(tried: Sequence[tuple[dict[str, float], list[dict[str, Any]]]]) -> Iterator[str]:
+    """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
+    for numbers, cases in tried:
         content, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
         sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
-        chosen = f"SAFETY {safety:g} MAP_SAFETY {of_map:g} SCATTERS {scatters:g} SHARE {share:g}"
+        chosen = " ".join(f"{name} {value:g}" for name, value in numbers.items())
         yield f"{chosen}: {content['holds']:.3f} ({', '.join(sites)}), ratio {content['ratio']:.2f}"
+
+
+def left_out_sites(tried: Sequence[tuple[dict[str, float], list[dict[str, Any]]]]) -> list[dict[str, Any]]:
+    """Coverage on each site with the constants that the other sites choose: of those that hold 9 of 10 bars there, the tightest.
+
+    The most that hold, where none hold so many.
+    """
+    rows = []
+    for site in dict.fromkeys(case["site"] for case in tried[0][1]):
+        others = [coverage([case for case in cases if case["site"] != site]) for _, cases in tried]
+        best = min(range(len(tried)), key=lambda k: (max(0.0, 0.9 - others[k]["holds"]), others[k]["ratio"]))
+        numbers, cases = tried[best]
+        rows.append({"site": site, **numbers, **coverage([case for case in cases if case["site"] == site])})
+    return rows
 
 
 def bias_by_thickness(run: Run, true: Run) -> list[dict[str, float]]:
@@ -333,7 +354,7 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
     parser.add_argument("--true", type=Path, help="earlier record of the true values, which are not run")
     parser.add_argument("--split", help="SITE:ANGLE:CELLS whose bias of speed and pressure is split by thickness")
-    parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
+    parser.add_argument("--constants", action="store_true", help="also other constants of a bar, and those of other sites")
     parser.add_argument("--end-time", type=float, default=END_TIME)
     return parser
 
@@ -355,8 +376,10 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     seconds = sum(finished(task, folder).seconds for each in plans.values() for task in each)
     chosen.bias_by_thickness = split_case(chosen.split, chosen.truth, folder, run) if chosen.split else None
     content = record(list(cases_of(plans, chosen.truth, folder, known)), seconds, time.perf_counter() - started, chosen)
-    for line in constants(plans, chosen.truth, folder, known) if chosen.constants else ():
-        print(line, flush=True)
+    if chosen.constants:
+        tried = list(tried_constants(plans, chosen.truth, folder, known))
+        print("\n".join(constants(tried)), flush=True)
+        content["left_out"] = left_out_sites(tried)
     print(write_json(content, chosen.out / FILE), json.dumps(content["coverage"]), json.dumps(content["expected"]))
     return content
 
