@@ -5,7 +5,7 @@ from typing import Any
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 from docs.pages.wording import COARSE, ENDING, HEADING
-from tests.benchmarks.validation_studies.cascades_2021_fit import (
+from runout.studies.validation_cases.cascades_2021_fit import (
     ARRANGEMENTS,
     AUTOMATON_RANGES,
     CELL_SIZE,

@@ -7,7 +7,7 @@ import numpy as np
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 from docs.pages.wording import COARSE, ENDING, HEADING
-from tests.benchmarks.validation_studies.maipo import CELL_SIZE, REACHED
+from runout.studies.validation_cases.maipo import CELL_SIZE, REACHED
 
 NAMES = {"voellmy": "Voellmy", "pore_pressure": "pore pressure"}
 HEADS = (

@@ -8,7 +8,16 @@ from typing import Any
 
 from runout.errors import ConfigError, ExitCode
 from runout.io.atomic import write_json
-from runout.studies.validation_cases import cascades_2021, columns, flume, frank_slide, iseesnow
+from runout.studies.validation_cases import (
+    avakot,
+    cascades_2021,
+    cascades_2021_fit,
+    columns,
+    flume,
+    frank_slide,
+    iseesnow,
+    maipo,
+)
 from runout.studies.validation_cases.case import ValidationCase
 from runout.studies.work_precision import machine, versions
 
@@ -21,17 +30,20 @@ CASES: dict[str, ValidationCase] = {
         iseesnow.IDEALIZED_TOPO,
         ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure),
         ValidationCase("cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure),
+        ValidationCase("cascades_2021_fit", "Cascades 2021 fitted on half of the reaches", cascades_2021_fit.measure),
+        ValidationCase("maipo", "Six debris flows of the upper Maipo, each from the other five", maipo.measure),
+        ValidationCase("avakot", "AvaFrame's avaKot with its own friction, beside com1DFA", avakot.measure),
         ValidationCase("flume", "Gate releases at the USGS debris-flow flume", flume.measure),
         ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure),
     )
 }
 
 
-def run(case: ValidationCase, full: bool = False, out: Path | None = None, command: str = "") -> dict[str, Any]:
+def run(case: ValidationCase, full: bool = False, out: Path | None = None) -> dict[str, Any]:
     """Record of a case: ``results``, and with what they were made; written to ``out`` as ``validation_NAME.json``.
 
-    A ``full`` case has the sizes of the documentation (minutes), otherwise those of CI (a minute at most). The record states
-    ``command``, by default that of `runout validate`. Raises InputError if its files are not there and cannot be fetched.
+    A ``full`` case has the sizes of the documentation (minutes), otherwise those of CI (a minute at most). Raises InputError if its
+    files are not there and cannot be fetched.
     """
     started = time.process_time()
     results = case.measure(full)
@@ -39,7 +51,7 @@ def run(case: ValidationCase, full: bool = False, out: Path | None = None, comma
         "case": case.name,
         "title": case.title,
         "full": full,
-        "command": command or f"runout validate {case.name}{' --full' if full else ''} --out DIR",
+        "command": f"runout validate {case.name}{' --full' if full else ''} --out DIR",
         "machine": machine(),
         "versions": versions(),
         "processor_seconds": time.process_time() - started,

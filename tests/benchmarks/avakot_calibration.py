@@ -3,7 +3,7 @@
     python -m tests.benchmarks.avakot_calibration --out DIR [--device cuda:0] [--cell-size 10] [--levels 14] [--points 16]
 
 The observation is the outline of com1DFA (AvaFrame 2.1, mu 0.155, xi 4000 m/s2, recorded in
-`tests/benchmarks/validation_studies/avakot_com1dfa.json`) with the path of the flow as thalweg. `runout calibrate` samples mu and
+`runout/studies/validation_cases/avakot_com1dfa.json`) with the path of the flow as thalweg. `runout calibrate` samples mu and
 xi over wide ranges, once with area and run-out of the outline and once with its boundary in parts. The script prints the
 posterior of both and writes `calibration_avakot.json`. An outline does not fix both: the record holds their correlation, and the
 standard deviation along each principal axis over that of the prior.
@@ -20,7 +20,7 @@ import numpy as np
 
 import runout
 from runout import cli
-from tests.benchmarks.validation_studies import avakot
+from runout.studies.validation_cases import avakot
 
 ROOT = Path(__file__).parents[2]
 RECORD = "calibration_avakot.json"

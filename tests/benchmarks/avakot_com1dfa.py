@@ -6,11 +6,11 @@
 
 ``run`` needs AvaFrame in an environment of its own. It runs com1DFA with each law, and without some of its terms (7 runs, 6 minutes
 on one core). DIR then holds peak thickness, peak speed and settings of each run. ``record`` needs runout. It computes the numbers
-and writes `tests/benchmarks/validation_studies/avakot_com1dfa.json`. Both read the site's inputs in RUNOUT_DATA/avaframe/avaKot.
+and writes `runout/studies/validation_cases/avakot_com1dfa.json`. Both read the site's inputs in RUNOUT_DATA/avaframe/avaKot.
 com1DFA places its particles at random from a fixed seed: a second run gives the same numbers.
 
 Configuration: AvaFrame's defaults with cells of 5 m, the stated law, type null (no entrainment or forest resistance) and no dam.
-If the numbers change, run `python -m tests.benchmarks.validation_studies avakot --out DIR`: its record holds a copy of them.
+If the numbers change, run `runout validate avakot --full --out DIR`: its record holds a copy of them.
 """
 
 import argparse
@@ -151,7 +151,7 @@ def read_peaks(folder: Path) -> Peaks:
 
 def numbers(peaks: Peaks, line: Any) -> dict[str, Any]:
     """Numbers of a run as the validation case has them of runout; ``line`` is the path of the flow."""
-    from tests.benchmarks.validation_studies.avakot import EXTENT, LEVELS_OF_AREA, MOVING
+    from runout.studies.validation_cases.avakot import EXTENT, LEVELS_OF_AREA, MOVING
 
     s, _ = line.coordinates(*np.meshgrid(peaks.easting, peaks.northing))
     return {
@@ -166,7 +166,7 @@ def numbers(peaks: Peaks, line: Any) -> dict[str, Any]:
 def variant_numbers(peaks: Peaks, standard: Peaks, line: Any) -> dict[str, Any]:
     """Numbers of a run without some terms, and the agreement of its area with that of the standard run."""
     from runout.scores import contingency, reached
-    from tests.benchmarks.validation_studies.avakot import EXTENT
+    from runout.studies.validation_cases.avakot import EXTENT
 
     table = contingency(reached(peaks.thickness, EXTENT), reached(standard.thickness, EXTENT), CELLS**2)
     return {**numbers(peaks, line), "csi": round(table.critical_success_index, 2)}
@@ -174,8 +174,8 @@ def variant_numbers(peaks: Peaks, standard: Peaks, line: Any) -> dict[str, Any]:
 
 def law_numbers(out: Path, law: str, line: Any) -> dict[str, Any]:
     """Settings, numbers and outline of the standard run with a law, and the numbers of its variants."""
+    from runout.studies.validation_cases.avakot import EXTENT
     from runout.studies.validation_cases.case import outline_of
-    from tests.benchmarks.validation_studies.avakot import EXTENT
 
     folders = {variant: folder_of(out, law, variant) for variant in RUNS[law]}
     peaks = {variant: read_peaks(folder) for variant, folder in folders.items()}
@@ -191,8 +191,8 @@ def law_numbers(out: Path, law: str, line: Any) -> dict[str, Any]:
 
 def record(out: Path) -> None:
     """Write the record of all runs."""
+    from runout.studies.validation_cases.avakot import OTHER, SOURCE
     from runout.studies.validation_cases.case import data_folder, thalweg_of
-    from tests.benchmarks.validation_studies.avakot import OTHER, SOURCE
 
     line = thalweg_of(data_folder(SITE, SOURCE) / "Inputs" / "LINES" / "path_aimec.shp")
     laws = {law: law_numbers(out, law, line) for law in RUNS}

@@ -23,8 +23,8 @@ from runout.backends.scan.warm_up import side_wall
 from runout.errors import ConfigError
 from runout.model.basal_friction import MassAbove
 from runout.model.friction_laws import FRICTIONS
+from runout.studies.validation_cases.avakot import SamosAt
 from runout.studies.verification_cases.basal_laws import VOELLMY, WEAK, WEAK_START, Layer, voellmy_speed, weakening_time
-from tests.benchmarks.validation_studies.avakot import SamosAt
 
 GRAVITY = 9.81
 FULL = VoellmyBase(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from runout.studies import validation
-from tests.benchmarks import validation_studies
 
 FOLDERS = {
     "coulomb_only": "iseesnow/CoulombOnly",
@@ -30,8 +29,7 @@ def results():
         if name in FOLDERS and (not place or not (Path(place) / FOLDERS[name]).exists()):
             pytest.skip(f"RUNOUT_DATA names no folder with {FOLDERS[name]}")
         if name not in made:
-            case = validation_studies.study(name) if name in validation_studies.NAMES else validation.named(name)
-            made[name] = validation.run(case)["results"]
+            made[name] = validation.run(validation.named(name))["results"]
         return made[name]
 
     return of

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from runout.scores import Thalweg
-from runout.studies.validation_cases import flume
-from tests.benchmarks.validation_studies import cascades_2021_fit, maipo
+from runout.studies.validation_cases import cascades_2021_fit, flume, maipo
 
 
 def test_the_choice_for_a_flow_does_not_see_it():

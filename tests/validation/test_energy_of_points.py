@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from runout import Release, Terrain
-from tests.benchmarks.validation_studies.avakot import Points
+from runout.studies.validation_cases.avakot import Points
 
 CELL = 5.0
 

@@ -1,7 +1,9 @@
 """A case of the validation, its files, and its maps: data on the cells of a terrain, lines, and outlines for the records."""
 
+import multiprocessing
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,12 @@ def data_folder(name: str, source: str) -> Path:
 def public_file(url: str, path: str, size: int, sha256: str) -> Path:
     """Path of a checked copy of a public file, below RUNOUT_DATA or in the user's cache; see :func:`runout.config.fetch.fetch`."""
     return fetch(RemoteFile(url=url, path=path, size=size, sha256=sha256))
+
+
+def on_all_processors(function: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
+    """Results of a function of a module for each of many jobs, in their order, in one process a processor."""
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as workers:
+        return list(workers.map(function, jobs))
 
 
 def on_cells(path: Path, terrain: Terrain) -> np.ndarray:

@@ -19,8 +19,7 @@ from runout.model.probes import ground_at
 from runout.scores import Grid, Thalweg, contingency
 from runout.scores.grid import outline_shares
 from runout.slopes.drainage import drainage
-from runout.studies.validation_cases.case import ValidationCase, data_folder
-from tests.benchmarks.validation_studies import on_all_processors
+from runout.studies.validation_cases.case import data_folder, on_all_processors
 
 SOURCE = "the package runoptGPP, inst/extdata (github.com/jngtz/runoptGPP)"
 DENSITY, INNER_FRICTION = 1900.0, 32.0  # [kg/m3], [deg]
@@ -234,6 +233,3 @@ def _lines(results: Mapping[str, Any]) -> list[str]:
         rows.append(f"  {family}: left out, mean CSI {np.mean(csi):.2f}, mean error of the length {np.mean(errors):.2f}")
     errors = [abs(flow["empirical"]["length_error"]) for flow in results["flows"]]
     return [*rows, f"  mean slope of reach of the others: mean error of the length {np.mean(errors):.2f}"]
-
-
-CASE = ValidationCase("maipo", "Six debris flows of the upper Maipo, each from the other five", measure)

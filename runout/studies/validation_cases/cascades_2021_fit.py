@@ -16,8 +16,7 @@ import numpy as np
 import runout
 from runout.scores import Grid, resampled
 from runout.studies.validation_cases.cascades_2021 import BED, DENSITY, END, Event, compared, read
-from runout.studies.validation_cases.case import ValidationCase
-from tests.benchmarks.validation_studies import on_all_processors
+from runout.studies.validation_cases.case import on_all_processors
 
 CELL_SIZE = 5.0  # [m]
 MEMBERS, WIDER_MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 64, 128, 8
@@ -185,6 +184,3 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     keys = "csi", "agreement", "reach_error", "erosion_volume", "deposition_volume"
     table = {key: np.percentile([row[key] for row in rows], (0, 5, 50, 95, 100)).tolist() for key in keys}
     return {"count": len(rows), **table}
-
-
-CASE = ValidationCase("cascades_2021_fit", "Cascades 2021 fitted on half of the reaches", measure)

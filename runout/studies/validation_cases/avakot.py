@@ -49,7 +49,7 @@ from runout.scores import (
     vertical_thickness,
 )
 from runout.simulation.result import Result
-from runout.studies.validation_cases.case import ValidationCase, data_folder, outline_of, thalweg_of
+from runout.studies.validation_cases.case import data_folder, outline_of, thalweg_of
 from runout.studies.validation_cases.iseesnow import voellmy
 from runout.terrain.averaging import averaged
 from runout.terrain.sdf import raster_surface
@@ -354,6 +354,3 @@ def heights(terrain: Terrain, slope: np.ndarray, frame: np.ndarray) -> tuple[np.
     ground = np.stack([terrain.elevation, np.cos(np.nan_to_num(slope))], axis=-1)[::-1]
     elevation, cosine = RegularGridInterpolator((terrain.northing[::-1], terrain.easting), ground)((y, x)).T
     return np.array([x, y]), (z - elevation) * cosine
-
-
-CASE = ValidationCase("avakot", "AvaFrame's avaKot with its own friction, beside com1DFA", measure)
