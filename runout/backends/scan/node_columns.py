@@ -112,7 +112,7 @@ def block_columns(blocks: Blocks) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     key, column = np.unique((plan[:, 0] - low[0]) * width + plan[:, 1] - low[1], return_inverse=True)
     column = column.astype(np.int32)
     parts = np.argsort(column, kind="stable").astype(np.int32)
-    start = np.searchsorted(column[parts], np.arange(column.max(initial=-1) + 2))
+    start = np.concatenate(([0], np.cumsum(np.bincount(column, minlength=len(key)))))
     return np.stack([key // width, key % width], axis=1) + low, column, start, parts
 
 
