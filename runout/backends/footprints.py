@@ -193,9 +193,9 @@ def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> R
     """Columns over the cells of the raster under columns ``found`` on the lattice of ``cell`` [m]."""
     if not found.mass.size:
         return found
-    lanes = found.lanes
+    lanes: np.ndarray | list[np.ndarray] | None = found.lanes
     if lanes is None:
-        lanes = found.volume, *np.moveaxis(found.momentum, -1, 0), found.mass, found.depth_volume
+        lanes = [found.volume, *np.moveaxis(found.momentum, -1, 0), found.mass, found.depth_volume]
     row, column, shared = shared_by_area(lanes, (found.row, found.column), raster, cell)
     mass = shared[4] if len(shared) > 5 or not found.boxes else found.boxes.density * shared[0]
     return RasterSums(shared[0], mass, np.moveaxis(shared[1:4], 0, -1), row, column, shared[-1], found.boxes)

@@ -124,7 +124,7 @@ def study(
     spacing = np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
     _require_room(arguments, max(coarser) * spacing)
     thresholds = site.settings.hazard.thickness_thresholds
-    ground = grounds(arguments["terrain"], spacing[:2])
+    ground = grounds(arguments["terrain"], spacing[:2].tolist())
     grids = plan(coarser, ground)
     costs = np.cumsum([ratio**-4.0 for ratio, *_ in grids])
     made: list[Run] = []
@@ -154,8 +154,8 @@ def grounds(terrain: "Terrain", spacing: Sequence[float]) -> Ground:
     own = resolved_in(spacing, terrain.cell_size) if terrain.fine_relief is None else terrain.fine_relief
     other = 1.0 if own < 0.5 else 0.0
     pair = (replace(terrain, fine_relief=part) for part in (own, other))
-    surfaces = (raster_surface(one, None, (float(spacing[0]), float(spacing[1]))).coefficients for one in pair)
-    if np.array_equal(*surfaces):
+    here, there = (raster_surface(one, None, (float(spacing[0]), float(spacing[1]))).coefficients for one in pair)
+    if np.array_equal(here, there):
         return Ground(own)
     ratio = max(h / one for h, one in zip(spacing, terrain.cell_size, strict=True))
     return Ground(own, other, (1.0 - own * (1.0 - min(ratio, 1.0) ** 2)) / abs(other - own))
