@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -122,9 +121,9 @@ def _text(name: str, content: bytes) -> str:
 
 def _bokeh() -> bytes:
     """BokehJS with its interface for scripts."""
-    package = find_spec("bokeh")  # found without running it
-    assert package is not None
-    folder = Path(package.origin or "").parent / "server" / "static" / "js"
+    import bokeh
+
+    folder = Path(bokeh.__file__).parent / "server" / "static" / "js"
     return b"\n".join((folder / name).read_bytes() for name in BUNDLES)
 
 

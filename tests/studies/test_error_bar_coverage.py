@@ -77,7 +77,7 @@ def test_cases_share_no_shift_and_the_true_value_has_runs_of_its_own():
 def test_small_study_writes_its_record_and_goes_on_where_it_stopped(tmp_path, capsys):
     content = study.main(["--out", str(tmp_path), "--small", "--processes", "1", "--end-time", "20", "--cells", "0.6"])
     made = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").glob("*.npz")}
-    assert len(made) == len(plan()) + study.TRUTHS
+    assert len(made) == len(plan()) + (study.ground("jacksboro", 0.6).other is not None) + study.TRUTHS
     assert {case["quantity"] for case in content["cases"]} >= {"f99", MAP, "peak_speed", "area_above_1_m"}
     assert all(0.0 < case["relative_error"] < 2.0 for case in content["cases"])
     assert content["coverage"]["holds"] >= 0.75
