@@ -6,6 +6,7 @@ from contextlib import nullcontext
 import pytest
 from ramp_site import write_site
 
+from runout.ensemble import workers as worker_processes
 from runout.processes import imports
 from runout.processes.imports import imported_meanwhile
 from runout.workflow import hazard_map
@@ -35,7 +36,7 @@ def test_what_has_not_begun_at_the_end_of_the_context_is_left_out(monkeypatch):
 )
 def test_products_are_imported_if_they_follow_and_this_process_waits(tmp_path, monkeypatch, stages, workers, times):
     contexts = []
-    monkeypatch.setattr(workers, "core_count", lambda: 2)
+    monkeypatch.setattr(worker_processes, "core_count", lambda: 2)
     monkeypatch.setattr(hazard_map, "imported_meanwhile", lambda modules: contexts.append(1) or nullcontext())
     monkeypatch.setattr(hazard_map, "compile_ahead", lambda site: None)
     monkeypatch.setattr(hazard_map, "_make", lambda study, stage: None)
@@ -51,8 +52,8 @@ def test_workers_start_ahead_where_they_compute_members_with_compiled_kernels(
     tmp_path, monkeypatch, stages, workers, compiles, number
 ):
     begun = []
-    monkeypatch.setattr(workers, "core_count", lambda: 2)
-    monkeypatch.setattr(workers, "Standby", lambda workers, threads: begun.append((workers, threads)) or nullcontext())
+    monkeypatch.setattr(worker_processes, "core_count", lambda: 2)
+    monkeypatch.setattr(worker_processes, "Standby", lambda workers, threads: begun.append((workers, threads)) or nullcontext())
     monkeypatch.setattr(hazard_map, "compile_ahead", lambda site: compiles)
     monkeypatch.setattr(hazard_map, "imported_meanwhile", nullcontext)
     monkeypatch.setattr(hazard_map, "_make", lambda study, stage: None)
