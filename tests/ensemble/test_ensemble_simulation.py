@@ -11,7 +11,7 @@ from netCDF4 import Dataset
 
 import runout
 from runout.config.site import SiteData
-from runout.ensemble import workers
+from runout.ensemble import workers as worker_processes
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import standings
@@ -74,7 +74,7 @@ class SlopeSite:
 
 
 def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recorded(tmp_path, monkeypatch):
-    monkeypatch.setattr(workers, "core_count", lambda: 2)
+    monkeypatch.setattr(worker_processes, "core_count", lambda: 2)
     site = SlopeSite(tmp_path)
     report = run_ensemble(site, tmp_path / "results", workers=2)
     speeds = {}
@@ -92,7 +92,7 @@ def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recor
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_members_that_share_launches_give_what_each_gives_alone_and_bad_ones_are_recorded(tmp_path, monkeypatch, workers):
-    monkeypatch.setattr(workers, "core_count", lambda: 2)
+    monkeypatch.setattr(worker_processes, "core_count", lambda: 2)
     site, results = SlopeSite(tmp_path, backend="hash"), tmp_path / "results"
     seen = []
     report = run_ensemble(site, results, workers=workers, progress=seen.append)
