@@ -91,9 +91,7 @@ host, which reads the maps and a row of the ledger every few transfers.
         --finer 1 --repeats 6 --out DIR/gpu_observers.json
 
 Record: {observers[card]}, commit {observers[commit]}; the shortest of three to six runs each.
-Since then lanes of large windows are not copied, and maps are taken behind the launches of the next steps. In turns with that
-commit on one such card, the shortest of three runs each: 1.30 s in place of 1.45 s for 290,948 particles, and 3.38 s in place of
-4.08 s for 1,009,744.
+Since then lanes of large windows are not copied: 3.38 s in place of 4.08 s for 1,009,744 particles, in turns on one card.
 
 ## Error against time
 
