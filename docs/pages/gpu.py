@@ -90,8 +90,8 @@ host, which reads the maps and a row of the ledger every few transfers.
     python tests/benchmarks/gpu_observers.py --device cuda:0 --cells 10 5.75 2.71 1.79 \\
         --finer 1 --repeats 6 --out DIR/gpu_observers.json
 
-Record: {observers[card]}, commit {observers[commit]}; the shortest of three to six runs each.
-Since then lanes of large windows are not copied: 3.38 s in place of 4.08 s for 1,009,744 particles, in turns on one card.
+Record: {observers[card]}, commit {observers[commit]}; maps and ledger of the two large flows on another such card, commit
+{observers[commit_of_maps]}; the shortest of three to six runs each.
 
 ## Error against time
 
@@ -111,13 +111,14 @@ Kernels were compiled before on the GPU, not on the CPU. Cells of frank_slide: 2
 
 {sites}
 
-The same commands by two commits, {versions[commits][0]} with one substep a transfer and
-{versions[commits][1]} with up to four, in turns on one {versions[card]}; rows with two sizes of cells:
-commit {versions[commit_of_larger_cells]} on another such machine. Errors are relative L1 differences of the largest thickness,
-the mean over the members, from the same members by commit {versions[commits][1]} with cells of 10 m (jacksboro) and
-5 m (frank_slide).
+The same commands with one substep a transfer (before) and with up to four (after), in turns on one machine; rows with two sizes
+of cells were run on two machines. Errors are relative L1 differences of the largest thickness, the mean over the members, from the
+same members with four substeps and cells of 10 m (jacksboro) and 5 m (frank_slide).
 
 {compared}
+
+Record: {versions[card]}, commits {versions[commits][0]} and {versions[commits][1]},
+larger cells {versions[commit_of_larger_cells]}.
 
 Equal cells take longer and have a smaller error: a substep of millions of particles takes as long as a step or longer
 ({{doc}}`substeps`), and maps are summed on half cells, where the raster of frank_slide has 20 m. Start, terrain, hazard and report

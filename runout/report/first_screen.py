@@ -79,13 +79,8 @@ def _bed(settings: Mapping[str, Any]) -> str:
 
 
 def _times(study: Study, factor: str) -> str:
-    if factor not in study.members:
-        return "" if study.is_single else " in every member"
-    return f", times {span(list(study.members[factor].fillna(1.0).astype(float)))}{_in_members(study)}"
-
-
-def _in_members(study: Study) -> str:
-    return "" if study.is_single else " in the members"
+    words = tables.factor_in_words(study, factor)
+    return f"{',' if factor in study.members else ''} {words}" if words else ""
 
 
 def friction(study: Study, settings: Mapping[str, Any]) -> str:

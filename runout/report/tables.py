@@ -99,7 +99,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
             f"{len(valid)} of {len(study.members)}",
             "each is one complete 3D run, a member of the ensemble",
         ),
-        *((label, volume(size), _factor(study, name)) for label, size, name in starts),
+        *((label, volume(size), factor_in_words(study, name)) for label, size, name in starts),
         (
             "Run-out" if study.is_single else "Run-out of the members",
             span(runouts, "m"),
@@ -137,8 +137,8 @@ def _area_at(hazard: "xr.Dataset", threshold: float, years: float) -> float:
     return hazard_extent(hazard, values, threshold)
 
 
-def _factor(study: Study, name: str) -> str:
-    """By what a volume differs between the members."""
+def factor_in_words(study: Study, name: str) -> str:
+    """By what a volume differs between the members; empty for that of a single member without a factor."""
     factor = study.members.get(name)
     if factor is None:
         return "" if study.is_single else "in every member"
