@@ -280,6 +280,7 @@ _DIFFERENCES = {
     )
 }
 
+_REACHED = "cells in which the flow is at any time as thick as the lowest threshold"
 _ENSEMBLE = {
     "members_planned": _count("number of planned members"),
     "members_valid": _count("number of valid members, on which every map rests"),
@@ -296,6 +297,19 @@ _ENSEMBLE = {
     "file": _text("name of the member's file in members/"),
     "status": _text("valid, failed or missing"),
     "failure_reason": _text("why the member failed"),
+    "runout_distance": _double("m", "plan distance from the release to the farthest cell that the flow reaches", _REACHED),
+    "reach_angle_deg": _double("degree", "slope of the line from the highest released cell to that farthest cell"),
+    "reached_area": _double("km2", "area of all cells that the flow reaches", _REACHED),
+    "highest_speed": _double("m s-1", "largest of the map of maximum speed"),
+    "deposit_volume": _double("m3", "volume that lies outside the release area at the end"),
+    "escaped_fraction": _double("percent", "share of the mass that left the elevation raster"),
+    "end_time": _double("s", "time at which the run stopped"),
+    "released_volume": _double("m3", "volume of the releases and inflows"),
+    "eroded_volume": _double("m3", "volume of the bed that the flow took up"),
+    "whole_deposit_volume": _double("m3", "volume of the deposit on the raster at the end"),
+    "left_volume": _double("m3", "volume of the mass that left the elevation raster"),
+    "lowered_volume": _double("m3", "volume by which the ground is lower than before the failure"),
+    "raised_volume": _double("m3", "volume by which the ground is higher than before the failure"),
     "basal_friction_angle_deg": _double("degree", "basal friction angle"),
     "friction_angle_deg": _double("degree", "internal friction angle"),
     "cohesion": _double("Pa", "cohesion"),

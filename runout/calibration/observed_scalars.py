@@ -27,8 +27,8 @@ from runout.scores.flow import Flow
 from runout.scores.observations import Observations
 
 if TYPE_CHECKING:
+    from runout.hazard.reach import Reach
     from runout.model.terrain import Terrain
-    from runout.report.members import Reach
 
 PARTS = 8
 FRONT = 0.95  # share of the largest distance from the release from which a point belongs to the front

@@ -1,7 +1,7 @@
 """Which members of an ensemble are valid, and their maps stacked into one file."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +12,14 @@ import numpy as np
 from runout.config.parameter_variables import parameter_variable
 from runout.ensemble.member import failure_file, members_folder
 from runout.errors import StorageError
+from runout.hazard.figures import WITHOUT_LEDGER, member_figures
 from runout.hazard.frequency import Frequencies, shares
+from runout.hazard.reach import Reach
 from runout.io import netcdf
 from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_dataset
 from runout.io.map_layers import add_layers, put, whole_chunks
-from runout.io.member_maps import BED_MAPS, LEDGERS, MEMBER_MAPS, RECORDS, MemberMaps
+from runout.io.member_maps import BED_MAPS, LEDGERS, MEMBER_MAPS, RECORDS, MemberMaps, MembersFile
 from runout.model.terrain import Terrain
 from runout.quantities import CHANGE
 from runout.variables import VARIABLES
@@ -111,14 +113,83 @@ class Ensemble:
         }
 
 
+class MembersWriter:
+    """``members.nc`` while it is written: maps and ledger of each valid member, then figures of all.
+
+    Parameters
+    ----------
+    ensemble : Ensemble
+    path : path
+        Final name of the file, for messages.
+    terrain : Terrain
+        Raster of all members.
+    file : netCDF4.Dataset
+        Open for writing, with the table of members.
+    """
+
+    def __init__(self, ensemble: Ensemble, path: str | os.PathLike[str], terrain: Terrain, file: "netCDF4.Dataset"):
+        self._ensemble, self._path, self._shape, self._file = ensemble, path, terrain.shape, file
+        places = {int(member): place for place, member in enumerate(ensemble.table.index)}
+        self._places = {member: places[member] for member in ensemble.files}
+        self._known = None if np.isfinite(terrain.elevation).all() else np.isfinite(terrain.elevation)
+        self._layers = {name: _add_layers(file, name) for name in MEMBER_MAPS}
+        self._ledgers: dict[int, dict[str, np.ndarray]] = {}
+        for place in set(places.values()) - set(self._places.values()):
+            for one in self._layers.values():
+                put(one, np.broadcast_to(np.float32(np.nan), self._shape), (place,))
+
+    def copy(self, number: int, member: MemberMaps) -> None:
+        """Copy the part of each map that the open file of a valid member holds, and keep its ledger."""
+        if member.shape != self._shape:
+            raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
+        if "ledger" in member.file.groups:
+            self._ledgers[number] = member.ledger()
+        rows, columns = member.part.slices if self._known is None else (slice(0, size) for size in self._shape)
+        place = whole_chunks(rows, self._shape[0]), whole_chunks(columns, self._shape[1])
+        of_bed = [name for name in BED_MAPS if name in member.held()]
+        for name in (name for name in of_bed if name not in self._layers):
+            with netcdf.writing(self._path):
+                self._layers[name] = _add_layers(self._file, name)
+        for name in (*MEMBER_MAPS, *of_bed):
+            cells = member.within(name, place) if self._known is None else member.layer(name, self._known)
+            with netcdf.writing(self._path):
+                put(self._layers[name], cells, (self._places[number],), (place[0].start, place[1].start))
+
+    def add_figures(self, hazard: "xr.Dataset", inflow: float) -> "pd.DataFrame":
+        """Put in :data:`~runout.hazard.figures.FIGURES` of the valid members, and return them by number of the member.
+
+        ``inflow`` [m3] is the volume of all inflows without factors.
+        """
+        import pandas as pd
+
+        reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].values.min())
+        table, figures = self._ensemble.table, dict[int, dict[str, float]]()
+        factors = table["discharge_factor"].fillna(1.0) if "discharge_factor" in table else pd.Series(1.0, index=table.index)
+        stack = MembersFile(self._path, self._file)
+        for number in self._ensemble.files:
+            ledger = self._ledgers.get(number, WITHOUT_LEDGER)
+            figures[number] = member_figures(stack.member(number), ledger, reach, least, inflow * factors[number])
+        of_valid = pd.DataFrame.from_dict(figures, orient="index")
+        for name, values in of_valid.reindex(table.index).items():
+            with netcdf.writing(self._path):
+                column = self._file.createVariable(str(name), np.float64, ("realization",), fill_value=np.nan)
+                column.setncatts(VARIABLES[str(name)].attributes())
+                column[:] = values.to_numpy()
+        return of_valid
+
+    def add_ledgers(self) -> None:
+        """Put in the ledgers of all members."""
+        with netcdf.writing(self._path):
+            put_ledgers(self._file, {self._places[number]: ledger for number, ledger in self._ledgers.items()})
+
+
 @contextmanager
 def members_file(
     ensemble: Ensemble, path: str | os.PathLike[str], terrain: Terrain, attrs: Mapping[str, Any]
-) -> Iterator[Callable[[int, MemberMaps], None]]:
-    """Block that writes maps and ledger of every planned member as one realization each, with the table of parameters.
+) -> Iterator[MembersWriter]:
+    """Block that writes every planned member as one realization, with the table of parameters; the file is whole or absent.
 
-    It gives a function for the place of a valid member among them and its open file, which copies the part of each map that the
-    file holds; those of members that failed or have not run hold no values.
+    Members that failed or have not run hold no values.
 
     Raises
     ------
@@ -128,39 +199,15 @@ def members_file(
     import netCDF4
 
     skeleton = member_table(ensemble, terrain).assign_attrs(attrs)
-    places = [index for index, member in enumerate(ensemble.table.index) if member in ensemble.files]
-    known = None if np.isfinite(terrain.elevation).all() else np.isfinite(terrain.elevation)
     with netcdf.LOCK, whole_file(path) as temporary:
         netcdf.write(skeleton, temporary)
         with netcdf.writing(path):
             file = netCDF4.Dataset(temporary, "a")
-            layers = {name: _add_layers(file, name) for name in MEMBER_MAPS}
-            for index in set(range(len(ensemble.table))) - set(places):
-                for one in layers.values():
-                    put(one, np.broadcast_to(np.float32(np.nan), terrain.shape), (index,))
-
-        ledgers: dict[int, dict[str, np.ndarray]] = {}
-
-        def copy(number: int, member: MemberMaps) -> None:
-            if member.shape != terrain.shape:
-                raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
-            if "ledger" in member.file.groups:
-                ledgers[number] = member.ledger()
-            rows, columns = member.part.slices if known is None else (slice(0, size) for size in terrain.shape)
-            place = whole_chunks(rows, terrain.shape[0]), whole_chunks(columns, terrain.shape[1])
-            of_bed = [name for name in BED_MAPS if name in member.held()]
-            for name in (name for name in of_bed if name not in layers):
-                with netcdf.writing(path):
-                    layers[name] = _add_layers(file, name)
-            for name in (*MEMBER_MAPS, *of_bed):
-                cells = member.within(name, place) if known is None else member.layer(name, known)
-                with netcdf.writing(path):
-                    put(layers[name], cells, (places[number],), (place[0].start, place[1].start))
-
         try:
-            yield copy
             with netcdf.writing(path):
-                put_ledgers(file, {places[number]: ledger for number, ledger in ledgers.items()})
+                writer = MembersWriter(ensemble, path, terrain, file)
+            yield writer
+            writer.add_ledgers()
         finally:
             with netcdf.writing(path):
                 file.close()

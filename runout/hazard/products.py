@@ -20,13 +20,13 @@ from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.frequency import Frequencies
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import scored
-from runout.hazard.reach import Reach, representative_of
+from runout.hazard.reach import representative
 from runout.hazard.readme import write_readme
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import write_structures
 from runout.io import netcdf, source_code
 from runout.io.atomic import write_json
-from runout.io.member_maps import SNAPSHOTS, MemberMaps, MembersFile
+from runout.io.member_maps import SNAPSHOTS, MemberMaps
 from runout.io.netcdf import study_attributes
 from runout.io.provenance import file_record, provenance
 from runout.model.depth_resolution import worst
@@ -95,8 +95,10 @@ def write_products(
     releases = site.releases()
     origin = _origin(site, ensemble, terrain, releases)
     attributes = _attributes(site, ensemble, origin)
-    hazard, of_members, snapshots = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
-    origin |= {name: values for name, values in of_members.items() if values}
+    inflow = sum(one["volume"] for one in origin.get("inflows", []))
+    hazard, of_members, snapshots = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc", inflow)
+    shown = of_members.pop("representative_member")
+    origin |= {name: values for name, values in of_members.items() if values} | {"representative_member": shown}
     origin |= _relief(hazard, terrain, origin)
     _add_second_grid(hazard, site, ensemble, results, _spacing(origin))
     observed = site.files.observations().require()
@@ -106,8 +108,6 @@ def write_products(
     built = write_structures(site, ensemble, terrain, attributes, results)
     origin["changes"] = [*origin["changes"], *built.changes]
     outdated = writers.earlier(results)
-    shown = _representative(results / "members.nc", ensemble, hazard)
-    origin["representative_member"] = shown
     products = writers.Products(
         hazard, ensemble, site, terrain, releases, observed, built, results, shown, snapshots.get(shown, ())
     )
@@ -120,23 +120,20 @@ def write_products(
     return paths
 
 
-def _representative(path: Path, ensemble: Ensemble, hazard: "xr.Dataset") -> int:
-    """Number of the valid member with the median run-out, from ``members.nc``."""
-    with MembersFile(path) as stack:
-        maps = ((number, stack.member(number)) for number in ensemble.files)
-        least = float(hazard["thickness_threshold"].min())
-        return representative_of(maps, ensemble.table["weight"], Reach.of(hazard), least)
-
-
 def _write_members(
-    site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], attrs: Mapping[str, Any], path: Path
+    site: "Site",
+    ensemble: Ensemble,
+    terrain: Terrain,
+    releases: Sequence[Release],
+    attrs: Mapping[str, Any],
+    path: Path,
+    inflow: float,
 ) -> "tuple[xr.Dataset, dict[str, Any], dict[int, tuple[float, ...]]]":
-    """The content of ``hazard.nc``, worst resolution and extremes of stiffness, and times of the snapshots [s] by member.
+    """The content of ``hazard.nc``, what ``run.json`` says of the members, and times of their snapshots [s] by member.
 
-    ``members.nc`` is written on the way.
-
-    The file of each member is opened once.
-    """
+    ``members.nc`` is written on the way. The file of each member is opened once. ``run.json`` has the worst resolution, extremes of
+    stiffness and the member that stands for all. ``inflow`` [m3] is the volume of the inflows without factors.
+    """  # fmt: skip
     resolution: dict[str, float] = {}
     stiffness: list[dict[str, Any]] = []
     snapshots: dict[int, tuple[float, ...]] = {}
@@ -144,21 +141,23 @@ def _write_members(
     of_bed = BedMaps(ensemble.weights)
     boundary = BoundaryMaps(ensemble.weights, min(site.settings.hazard.thickness_thresholds))
     title = f"{_title(site)}: members of the ensemble"
-    with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as copy:
+    with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as members:
 
         def each(number: int, member: MemberMaps) -> None:
             resolution.update(worst([resolution, member.attributes]))
             stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
             if SNAPSHOTS in member.file.groups:
                 snapshots[numbers[number]] = tuple(map(float, member.file.groups[SNAPSHOTS]["time"][:]))
-            copy(number, member)
+            members.copy(numbers[number], member)
             of_bed.take(number, member)
             boundary.take(number, member)
 
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
         of_bed.add_to(hazard)
         boundary.add_to(hazard)
-    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}, snapshots
+        figures = members.add_figures(hazard, inflow)
+    shown = representative(figures.assign(weight=ensemble.table["weight"]))
+    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness), "representative_member": shown}, snapshots
 
 
 def _add_second_grid(hazard: "xr.Dataset", site: "Site", ensemble: Ensemble, results: Path, spacing: tuple[float, float]) -> None:

@@ -98,12 +98,12 @@ def cut_to_reached(
 class _MapsFile:
     """An open file with maps of members; its values come as they are stored."""
 
-    def __init__(self, path: str | os.PathLike[str]):
+    def __init__(self, path: str | os.PathLike[str], file: "netCDF4.Dataset | None" = None):
         import netCDF4
 
         self.path = Path(path)
         with netcdf.reading(path):
-            self.file = netCDF4.Dataset(path)
+            self.file = netCDF4.Dataset(path) if file is None else file
             self.file.set_auto_maskandscale(False)
 
     def __enter__(self) -> Self:
@@ -243,11 +243,11 @@ def _without_fill(values: np.ndarray, name: str) -> np.ndarray:
 class MembersFile(_MapsFile):
     """The open ``members.nc``, for the block of a ``with`` statement: maps and ledgers of all members from one file.
 
-    Raises StorageError: from all methods, if the file cannot be read.
+    While the file is written, ``file`` is its open dataset. Raises StorageError: from all methods, if the file cannot be read.
     """
 
-    def __init__(self, path: str | os.PathLike[str]):
-        super().__init__(path)
+    def __init__(self, path: str | os.PathLike[str], file: "netCDF4.Dataset | None" = None):
+        super().__init__(path, file)
         with netcdf.reading(path):
             self.places = {int(number): place for place, number in enumerate(self.file["realization"][:])}
             self.maps, self.ledgers = self.held(), dict[str, np.ndarray]()

@@ -13,7 +13,7 @@ from runout.report.probe_figures import PANELS
 from runout.report.profile_figures import DEPOSIT, FLOW, GROUND
 from runout.report.profile_figures import PANELS as PROFILE_PANELS
 from runout.report.structures import LoadError, structure_section
-from runout.report.study import Study, features
+from runout.report.study import Study
 from runout.report.tables import cells_through
 from runout.report.wording import percent, unit
 from runout.variables import VARIABLES
@@ -54,8 +54,7 @@ def marks(study: Study, settings: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _inundation(study: Study, cell: float) -> Iterator[Mark]:
     """Outlines within which the flow arrives with a probability, without the corners on straight edges."""
-    has_probability = "inundation_probability" in study.hazard
-    for feature in features(study.results / "outlines.gpkg", "inundation") if has_probability else ():
+    for feature in study.inundation if "inundation_probability" in study.hazard else ():
         yield Mark(feature["geometry"].simplify(0.01 * cell), f"probability {percent(float(feature['probability']))}")
 
 

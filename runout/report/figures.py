@@ -7,11 +7,11 @@ import numpy as np
 from markupsafe import Markup
 
 from runout.config.parameter_variables import parameter_variable
+from runout.hazard.figures import FIGURES, Ledger
 from runout.hazard.order import weighted_percentiles
 from runout.hazard.reach import representative
 from runout.report.chart import Chart
 from runout.report.marks import INK
-from runout.report.members import FIGURES, Ledger
 from runout.report.values import NORMAL, SMALL
 from runout.report.wording import unit
 

@@ -2,20 +2,20 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import InputError, StorageError
 from runout.forecast.numerical_error import require_error_bars
-from runout.hazard.reach import Reach, representative
+from runout.hazard.figures import FIGURES, Ledger
+from runout.hazard.reach import representative
 from runout.io.atomic import read_json
 from runout.io.member_maps import MembersFile, member_table
 from runout.io.probe_files import SITE_FILES
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
-from runout.report.members import Ledger, member_figures
 from runout.report.structures import Loads, read_loads
 from runout.report.wording import MINUS, number
 
@@ -26,6 +26,7 @@ STARTS = ("release", "inflow_lines", "inflow_areas")  # layers of outlines.gpkg
 OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
 SENSITIVITY = "sensitivity/sensitivity.json"  # of `runout sensitivity`
 PROBED = ("cross_sections", "probes")
+LAYERS = (*STARTS, "obstacles", "structures", "friction_zones", *OBSERVED, *PROBED, "inundation")
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Study:
         Maps over all members, ``hazard.nc``.
     members : pandas.DataFrame
         One row a realization: weight, seed, sampled parameters, status, reason of failure and the figures of
-        :func:`runout.report.members.member_figures`.
+        :func:`runout.hazard.figures.member_figures`.
     ledgers : dict of int to Ledger
         Mass and energy over time of the valid members.
     basemap : Basemap
@@ -53,6 +54,8 @@ class Study:
         Forces on structures, ``structures.nc``; None without structures.
     sensitivity : mapping
         Sobol indices of these members, ``sensitivity/sensitivity.json``; empty without, or if they are of other members.
+    inundation : list of dict
+        Outlines within which the flow arrives with a probability: features with ``geometry`` and ``probability``.
     results : Path
         The folder that was read.
     """
@@ -66,6 +69,7 @@ class Study:
     loads: Loads | None = None
     probes: "Mapping[str, xr.Dataset]" = field(default_factory=dict)
     sensitivity: Mapping[str, Any] = field(default_factory=dict)
+    inundation: list[dict[str, Any]] = field(default_factory=list)
     results: Path = Path()
 
     @property
@@ -98,27 +102,25 @@ def read_study(results: Path) -> Study:
         hazard = netcdf.read(_required(results, "hazard.nc"))
         table = member_table(_required(results, "members.nc"))
         run = _provenance(_required(results, "run.json"))
-        inflow = sum(one["volume"] for one in run.get("inflows", []))
-        figures, ledgers = _valid_members(results / "members.nc", table, hazard, inflow)
-    drawn = _required(results, "outlines.gpkg")
+        ledgers = _ledgers(results / "members.nc", table)
+    drawn = features(_required(results, "outlines.gpkg"), LAYERS)
     basemap = Basemap(
         hazard["x"].values,
         hazard["y"].values,
         hazard["elevation"].values,
-        [feature["geometry"] for name in STARTS for feature in features(drawn, name)],
+        [feature["geometry"] for name in STARTS for feature in drawn[name]],
         [
-            *(Mark(feature["geometry"], obstacle_label(feature)) for feature in features(drawn, "obstacles")),
-            *(Mark(feature["geometry"], feature["name"]) for feature in features(drawn, "structures")),
+            *(Mark(feature["geometry"], obstacle_label(feature)) for feature in drawn["obstacles"]),
+            *(Mark(feature["geometry"], feature["name"]) for feature in drawn["structures"]),
         ],
-        [Mark(feature["geometry"], zone_label(feature)) for feature in features(drawn, "friction_zones")],
-        [Mark(feature["geometry"], feature.get("label", "")) for name in OBSERVED for feature in features(drawn, name)],
-        [Mark(feature["geometry"], feature["name"]) for name in PROBED for feature in features(drawn, name)],
+        [Mark(feature["geometry"], zone_label(feature)) for feature in drawn["friction_zones"]],
+        [Mark(feature["geometry"], feature.get("label", "")) for name in OBSERVED for feature in drawn[name]],
+        [Mark(feature["geometry"], feature["name"]) for name in PROBED for feature in drawn[name]],
     )
-    error, every = Path(results) / "convergence.json", table.join(figures)
-    valid = every[every["status"] == "valid"]
+    error, valid = Path(results) / "convergence.json", table[table["status"] == "valid"]
     return Study(
         hazard,
-        every,
+        table,
         ledgers,
         basemap,
         run,
@@ -126,6 +128,7 @@ def read_study(results: Path) -> Study:
         read_loads(Path(results) / "structures.nc", representative(valid)) if len(valid) else None,
         _probes(results),
         _sensitivity(results, valid),
+        drawn["inundation"],
         Path(results),
     )
 
@@ -150,30 +153,21 @@ def _required(results: Path, name: str) -> Path:
     return path
 
 
-def _valid_members(
-    path: Path, table: "pd.DataFrame", hazard: "xr.Dataset", inflow: float
-) -> "tuple[pd.DataFrame, dict[int, Ledger]]":
-    """Figures and ledgers of the valid members, from ``members.nc`` and the volume of the ``inflow`` [m3] without factors."""
-    import pandas as pd
-
-    figures: dict[int, dict[str, float]] = {}
-    ledgers: dict[int, Ledger] = {}
-    reach, least = Reach.of(hazard), float(hazard["thickness_threshold"].values.min())
-    factors = table["discharge_factor"].fillna(1.0) if "discharge_factor" in table else pd.Series(1.0, index=table.index)
+def _ledgers(path: Path, members: "pd.DataFrame") -> dict[int, Ledger]:
+    """Ledgers of the valid members of a table, from ``members.nc``."""
+    if missing := [name for name in FIGURES if name not in members]:
+        raise StorageError(f"{path}: it has no {missing[0]} of the members; run `runout hazard` for this site again")
     with MembersFile(path) as stack:
-        for number in table.index[table["status"] == "valid"]:
-            member = stack.member(number)
-            ledgers[number] = member.ledger()
-            figures[number] = member_figures(member, ledgers[number], reach, least, inflow * factors[number])
-    return pd.DataFrame.from_dict(figures, orient="index"), ledgers
+        return {number: stack.member(number).ledger() for number in members.index[members["status"] == "valid"]}
 
 
-def features(path: Path, layer: str) -> list[dict[str, Any]]:
-    """Attributes and ``geometry`` (shapely, map coordinates) of the features of a layer; none if there is no such layer."""
+def features(path: Path, layers: Collection[str]) -> dict[str, list[dict[str, Any]]]:
+    """Attributes and ``geometry`` (shapely, map coordinates) of the features of layers, by layer; none of one that is not there."""
     from runout.io.opening import open_vector
 
     file = open_vector(path, InputError)
-    return file.read(layer)[0].to_dict("records") if layer in file.layers() else []
+    present = file.layers()
+    return {name: file.read(name)[0].to_dict("records") if name in present else [] for name in layers}
 
 
 def obstacle_label(feature: Mapping[str, Any]) -> str:

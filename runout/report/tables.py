@@ -12,10 +12,10 @@ from runout.config.scenarios import FAILS
 from runout.forecast.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.forecast.numerical_error import statements
 from runout.forecast.stiffness import sentence_of
+from runout.hazard.figures import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of
 from runout.model.depth_resolution import WORST, DepthResolution
 from runout.quantities import ALL_QUANTITIES, QUANTITIES
 from runout.report.figures import parameter_label, released_energy
-from runout.report.members import FIGURES, VOLUMES, Ledger, has_volumes, percentiles_of
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, area, number, percent, quantity, span, unit, volume
 from runout.scores.members import BOOKKEEPING
@@ -127,7 +127,7 @@ def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
         low, middle, high = percentiles_of(valid, figure)
         ends = number(low), quantity(high, "m³")
         scope = f"{ends[0]} to {ends[1]} in 90 % of the members" if ends[1] != quantity(low, "m³") else "in 90 % of the members"
-        cards.append((f"{column.heading}, median", quantity(middle, "m³"), f"{column.meaning}; {scope}"))
+        cards.append((f"{column.heading}, median", quantity(middle, "m³"), f"{VARIABLES[figure].long_name}; {scope}"))
     return cards
 
 
@@ -345,7 +345,7 @@ def members(study: Study) -> dict[str, Any]:
     headings += list(told.values())
     headings += [(_heading(p), _unit(p), "sampled parameter") for p in parameters]
     figures = FIGURES | (VOLUMES if has_volumes(study.valid) else {})
-    headings += [(c.heading, c.units, c.meaning) for c in figures.values()]
+    headings += [(c.heading, c.units, VARIABLES[name].long_name) for name, c in figures.items()]
     rows = []
     for member, row in study.members.iterrows():
         given = [number(row["weight"])] if weighted else []

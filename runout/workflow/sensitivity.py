@@ -14,13 +14,13 @@ from runout.calibration.figures import tornado_figure
 from runout.calibration.prior import Prior
 from runout.calibration.sobol_indices import FEWEST, SobolIndices, sobol_indices, why_refused
 from runout.errors import ExitCode, InputError, PartialEnsembleError
+from runout.hazard.figures import member_figures
 from runout.hazard.probe_series import member_series
 from runout.hazard.reach import Reach
 from runout.io.atomic import write_json, write_text
 from runout.io.member_maps import MemberMaps
 from runout.io.probe_files import SECTIONS
 from runout.model.release import thickness_of
-from runout.report.members import member_figures
 from runout.workflow.probe_products import write_figure
 from runout.workflow.study import Study
 

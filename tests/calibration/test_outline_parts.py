@@ -6,8 +6,8 @@ import shapely
 from test_observed_scalars import RELEASED, TERRAIN, flow
 
 from runout.calibration.observed_scalars import PARTS, Measure, OutlineParts, observed_scalars
+from runout.hazard.reach import Reach
 from runout.model.terrain import Terrain
-from runout.report.members import Reach
 from runout.scores.grid import Grid, outline_shares
 from runout.scores.observations import Observations
 

@@ -25,9 +25,11 @@ from synthetic_ensemble import (
 )
 
 from runout.errors import ExitCode, PartialEnsembleError, StorageError
+from runout.hazard.figures import FIGURES
 from runout.hazard.maps import BOUNDARY_MAPS, CELL_ERRORS, HEADLINE_MAPS, TERRAIN_MAPS, map_layers
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.products import ground_slope, write_products
+from runout.hazard.reach import representative
 from runout.io import netcdf
 from runout.io.member_maps import MemberMaps
 from runout.model.terrain import Terrain
@@ -156,6 +158,14 @@ def test_members_nc_holds_the_table_and_nothing_for_members_without_a_result(pro
     assert members["status"].values.tolist() == ["valid", "valid", "valid", "failed", "missing"]
     assert members["failure_reason"].values[FAILED] == "the time step fell below 1e-6 s"
     assert np.isnan(members["max_speed"].values[[FAILED, MISSING]]).all()
+    for name in FIGURES:
+        assert members[name].attrs == VARIABLES[name].attributes()
+        assert np.isnan(members[name].values[[FAILED, MISSING]]).all()
+    valid = members["status"].values == "valid"
+    highest = np.nanmax(members["max_speed"].values[valid], axis=(1, 2))
+    np.testing.assert_array_equal(members["highest_speed"].values[valid], highest)
+    origin = json.loads((products.results / "run.json").read_text())
+    assert origin["representative_member"] == representative(members[[*FIGURES, "weight"]].to_dataframe()[valid])
 
 
 def test_text_labels_are_netcdf_strings(products: Products) -> None:
@@ -279,9 +289,9 @@ def test_a_member_of_another_shape_is_refused_and_no_file_of_members_is_left(tmp
     with (
         pytest.raises(StorageError, match=r"0000\.nc: its grid is not that of the other members; remove it"),
         MemberMaps(path) as member,
-        members_file(ensemble, tmp_path / "members.nc", terrain, {}) as copy,
+        members_file(ensemble, tmp_path / "members.nc", terrain, {}) as members,
     ):
-        copy(0, member)
+        members.copy(0, member)
     assert not (tmp_path / "members.nc").exists()
 
 

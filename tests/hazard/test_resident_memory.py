@@ -31,9 +31,12 @@ files = (written * count)[:count]
 terrain = Terrain(np.zeros((1000, 1200)), (5.0, 5.0), 0.0, 0.0, None, "flat", ())
 table = pd.DataFrame({"weight": [1 / count] * count})
 thresholds = {"thickness": [0.1, 0.5, 1, 2], "speed": [1, 5], "pressure": [3e3, 3e4]}
-with members_file(Ensemble(table, dict(enumerate(files)), {}), folder / "members.nc", terrain, {}) as copy:
-    maps = aggregate(files, table["weight"], thresholds, [5, 50, 95], each=copy)
-netcdf.write(netcdf.map_dataset(terrain, {"elevation": terrain.elevation}, title="t").merge(maps), folder / "hazard.nc")
+with members_file(Ensemble(table, dict(enumerate(files)), {}), folder / "members.nc", terrain, {}) as members:
+    maps = aggregate(files, table["weight"], thresholds, [5, 50, 95], each=members.copy)
+    ground = {"elevation": terrain.elevation, "release_thickness": terrain.elevation}
+    hazard = netcdf.map_dataset(terrain, ground, title="t").merge(maps)
+    members.add_figures(hazard, 0.0)
+netcdf.write(hazard, folder / "hazard.nc")
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 

@@ -4,11 +4,16 @@ import json
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 import xarray as xr
 
+from runout.hazard.figures import member_figures
 from runout.hazard.joint import with_conditions
+from runout.hazard.reach import Reach
+from runout.io import netcdf
+from runout.io.member_maps import MembersFile, member_table
 from runout.quantities import QUANTITIES
 
 ROWS, COLUMNS, CELL = 130, 150, 20.0
@@ -113,6 +118,17 @@ def write_members_file(path, maps):
     xr.Dataset(records).to_netcdf(path, mode="a", group="ledgers")
 
 
+def write_figures(path):
+    """Figures of the valid members in a ``members.nc``, as the hazard stage takes them from its maps and ledgers."""
+    reach = Reach.of(hazard := netcdf.read(path.with_name("hazard.nc")))
+    least, table = float(hazard["thickness_threshold"].min()), member_table(path)
+    valid = table.index[table["status"] == "valid"]
+    with MembersFile(path) as stack:
+        figures = {m: member_figures(stack.member(m), stack.member(m).ledger(), reach, least) for m in valid}
+    columns = pd.DataFrame.from_dict(figures, orient="index").reindex(table.index)
+    xr.Dataset({name: ("realization", values) for name, values in columns.items()}).to_netcdf(path, mode="a")
+
+
 def add_exceedance(hazard, name, dimension, reached):
     """Probability and errors of members (limits, members, rows, columns) of bool that reach limits."""
     p = reached.mean(axis=1)
@@ -183,6 +199,7 @@ def results(tmp_path_factory):
     write_members(folder / "members", maps)
     write_members_file(folder / "members.nc", maps)
     hazard_dataset(maps).to_netcdf(folder / "hazard.nc")
+    write_figures(folder / "members.nc")
     releases = geopandas.GeoDataFrame({"name": ["scar"]}, geometry=[outline()], crs="EPSG:32616")
     releases.to_file(folder / "outlines.gpkg", layer="release")
     dams = geopandas.GeoDataFrame({"height_m": [8.0]}, geometry=[DAM], crs="EPSG:32616")

@@ -1,7 +1,6 @@
 """The first screen: what was assumed, what the flow reaches, one threshold, what the maps do not support, ten questions."""
 
 import re
-import shutil
 from dataclasses import replace
 from hashlib import sha256
 
@@ -126,17 +125,6 @@ def test_areas_and_run_out_of_the_first_screen_are_those_of_one_threshold(study,
     assert "0.1\u202fm thick or more" in cards["Run-out of the members"][1]
     assert re.findall(r"<h2>(Key figures: .*?)</h2>", text) == ["Key figures: flow of 0.1\u202fm or more"]
     assert "Probability of a flow thickness of 0.1\u202fm or more</h3>" in text
-
-
-def test_the_run_out_is_that_to_the_farthest_cell_of_the_threshold(results, tmp_path, study):
-    """A higher lowest threshold shortens the run-out of a member that thins out."""
-    copy = shutil.copytree(results, tmp_path / "results")
-    with xr.open_dataset(copy / "hazard.nc") as opened:
-        hazard = opened.load()
-    hazard.assign_coords(thickness_threshold=[10.0, 11.0, 12.0]).to_netcdf(copy / "hazard.nc")
-    thick = read_study(copy)
-    assert thick.threshold == 10.0
-    assert (thick.valid["runout_distance"] < study.valid["runout_distance"]).all()
 
 
 def test_points_that_the_flow_reaches_are_named_with_their_share(study):

@@ -5,9 +5,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from runout.hazard.figures import member_figures
 from runout.hazard.reach import Reach, representative, representative_of
 from runout.report.figures import released_energy
-from runout.report.members import member_figures
 from runout.report.tables import energy_residual
 
 EASTING, NORTHING = np.arange(5.0, 100.0, 10.0), np.arange(190.0, 0.0, -20.0)  # cells of 10 m by 20 m
@@ -61,8 +61,20 @@ def test_the_volume_of_an_inflow_is_released_and_leaves_the_site_with_the_rest()
     ledger = {"mass": np.array([0.0, 60.0]), "escaped_mass": np.array([0.0, 20.0]), "time": np.array([0.0, 9.0])}
     figures = member_figures(member, ledger, reach, least=0.1, inflow=1000.0)
     assert figures["eroded_volume"] == pytest.approx(0.4 * 20_000.0)
+    assert figures["escaped_fraction"] == pytest.approx(25.0)
     assert figures["released_volume"] == pytest.approx(1000.0)
     assert figures["left_volume"] == pytest.approx(0.25 * (1000.0 + 8000.0))
+
+
+def test_the_run_out_is_that_to_the_farthest_cell_of_the_threshold():
+    """A higher lowest threshold shortens the run-out of a member that thins out."""
+    thins = np.broadcast_to(np.linspace(10.0, 1.0, 10)[:, None], (10, 10))
+    member = SimpleNamespace(held=tuple, within=lambda name, part: thins[part])
+    reach = Reach.on(cells((0, 4)), EASTING, NORTHING, PLANE)
+    ledger = {"mass": np.ones(2), "escaped_mass": np.zeros(2), "time": np.array([0.0, 9.0])}
+    far, near = (member_figures(member, ledger, reach, least)["runout_distance"] for least in (1.0, 8.0))
+    assert far == pytest.approx(math.hypot(180.0, 50.0))
+    assert near == pytest.approx(math.hypot(40.0, 50.0))
 
 
 def test_the_representative_member_has_the_median_runout():

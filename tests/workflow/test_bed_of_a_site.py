@@ -11,8 +11,8 @@ from ramp_site import CELL, COLUMNS, NORTH, ROWS, SITE, WEST, slab, write_raster
 import runout
 from runout import RammsErosion, cli
 from runout.errors import ConfigError, ExitCode, InputError
+from runout.hazard.figures import VOLUMES
 from runout.report import sheets, tables
-from runout.report.members import VOLUMES
 from runout.report.study import read_study
 from runout.report.wording import number, quantity
 from runout.workflow.check import inspect

@@ -61,4 +61,4 @@ def test_statistics_count_no_unknown_cell_and_the_report_says_how_much_left(resu
     assert 50 < escaped.max() <= 100
     for ledger in study.ledgers.values():
         assert tables.mass_error(ledger) < 1e-6
-    assert np.isfinite(study.members[["runout_distance", "reached_area", "deposit_volume", "max_speed"]].values).all()
+    assert np.isfinite(study.members[["runout_distance", "reached_area", "deposit_volume", "highest_speed"]].values).all()

@@ -1,4 +1,4 @@
-"""Key figures of one member: runout, deposit and energy."""
+"""Key figures of one member: run-out, deposit and, with a bed, volumes. They are columns of ``members.nc``."""
 
 import math
 from collections.abc import Mapping
@@ -19,35 +19,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Column:
-    """Heading, unit and meaning of a column of the table of members."""
+    """Heading and printed unit of a figure in a table of members; :data:`~runout.variables.VARIABLES` says what it is."""
 
     heading: str
     units: str
-    meaning: str = ""
 
 
 FIGURES = {
-    "runout_distance": Column("Runout", "m", "plan distance from the release to the farthest cell that the flow reaches"),
-    "reach_angle_deg": Column("Angle of reach", "°", "slope of the line from the highest released cell to that farthest cell"),
-    "reached_area": Column("Area reached", "km²", "area of all cells that the flow reaches"),
-    "max_speed": Column("Peak speed", "m s⁻¹", "largest of the map of maximum speed"),
-    "deposit_volume": Column("Deposit beyond", "m³", "volume that lies outside the release area at the end"),
-    "escaped_fraction": Column("Escaped", "%", "share of the mass that left the elevation raster"),
-    "end_time": Column("End", "s", "time at which the run stopped"),
+    "runout_distance": Column("Runout", "m"),
+    "reach_angle_deg": Column("Angle of reach", "°"),
+    "reached_area": Column("Area reached", "km²"),
+    "highest_speed": Column("Peak speed", "m s⁻¹"),
+    "deposit_volume": Column("Deposit beyond", "m³"),
+    "escaped_fraction": Column("Escaped", "%"),
+    "end_time": Column("End", "s"),
 }
-
-
 VOLUMES = {  # of members with an erodible bed
-    "released_volume": Column("Released", "m³", "volume of the releases and inflows"),
-    "eroded_volume": Column("Eroded", "m³", "volume of the bed that the flow took up"),
-    "whole_deposit_volume": Column("Deposited", "m³", "volume of the deposit on the raster at the end"),
-    "left_volume": Column("Left the site", "m³", "volume of the mass that left the elevation raster"),
-    "lowered_volume": Column("Net erosion", "m³", "volume by which the ground is lower than before the failure"),
-    "raised_volume": Column("Net deposition", "m³", "volume by which the ground is higher than before the failure"),
+    "released_volume": Column("Released", "m³"),
+    "eroded_volume": Column("Eroded", "m³"),
+    "whole_deposit_volume": Column("Deposited", "m³"),
+    "left_volume": Column("Left the site", "m³"),
+    "lowered_volume": Column("Net erosion", "m³"),
+    "raised_volume": Column("Net deposition", "m³"),
 }
-
-
 Ledger = Mapping[str, np.ndarray]  # mass and energy, each (time,), by name
+WITHOUT_LEDGER: Ledger = {name: np.array([np.nan]) for name in ("time", "mass", "escaped_mass")}
 
 
 def member_figures(
@@ -70,7 +66,7 @@ def member_figures(
         "runout_distance": distance,
         "reach_angle_deg": math.degrees(angle),
         "reached_area": float(reached.sum()) * reach.cell_area / 1e6,
-        "max_speed": float(np.nanmax(maps["max_speed"])),
+        "highest_speed": float(np.nanmax(maps["max_speed"])),
         "deposit_volume": float(deposit.sum(dtype=np.float64)) * reach.cell_area,
         "escaped_fraction": 100.0 * float(ledger["escaped_mass"][-1]) / total,
         "end_time": float(ledger["time"][-1]),
