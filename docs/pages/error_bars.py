@@ -15,7 +15,6 @@ COLUMNS = (
     *("site", "friction", "cells", "held_out", "quantity", "fine", "trend", "scatter", "ground", "error", "relative_error"),
     *("truth", "difference", "noise", "holds"),
 )
-CASE = "site", "friction", "cells", "quantity"
 HEADS = ("", "bars that hold", "", "median bar", "median difference", "ratio")
 OPENING = """# Coverage of the error bars
 
@@ -45,7 +44,7 @@ numbers in the bars were chosen before the part of the ground was added, and kep
 Of the cases that were held out ({outside}; among constants that the others rank alike, the choice saw them), {held_outside}
 of {count_outside} bars hold ({part_outside:.0f} %), and the median bar is {ratio_outside:.1f} times the median difference.
 
-{without}![Difference from the value of the fine grid against the bar](error_bars.png)
+![Difference from the value of the fine grid against the bar](error_bars.png)
 
 *Below the line: the bar holds. Differences below 1e-4 are drawn at 1e-4.*
 
@@ -57,7 +56,7 @@ of {count_outside} bars hold ({part_outside:.0f} %), and the median bar is {rati
 
 {weakest}
 
-Bars and differences are medians, relative to the value on the finest grid of a case. Each true value is the mean of two
+{left_out}Bars and differences are medians, relative to the value on the finest grid of a case. Each true value is the mean of two
 shifted runs; half their distance, its noise, has a median of {noise:.2g} %.
 
 {split}## Expected errors
@@ -83,25 +82,6 @@ Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, {engines
 """
 
 
-WITHOUT = """**The bars of this record lack the part of the ground, and coarse grids of a case had grounds of their own.** The
-section on one cell through the thickness has bars with it.
-
-"""
-WITH_GROUND = """## One cell through the thickness, with the part of the ground
-
-The same cases and true values as above, by {engines}, for {cells} cell through the thickness.
-**{held} of {count} bars hold ({part:.0f} %; {before:.0f} % without the part of the ground), and {part_outside:.0f} % of those that
-were held out. The median bar is {ratio:.1f} times the median difference ({ratio_before:.1f} without).**
-
-{sites}
-
-{weakest}
-
-{left_out}    python -m tests.benchmarks.error_bar_coverage {options}
-
-RECORD is the record above, before the part of the ground; the new one is in it as `with_ground`.
-
-"""
 LEFT_OUT = """With one site left out, the others choose the tightest numbers that hold 9 of 10 of their bars. With these, the bars
 of the site that was left out hold in {held} of {count} cases ({part} %):
 
@@ -145,7 +125,6 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         scatters=SCATTERS,
         share=SHARE,
         ground_ratio=PAIRED,
-        without="" if "ground" in cases[0] else WITHOUT,
         order=ORDER,
         map_order=MAP_ORDER,
         held=sum(case["holds"] for case in cases),
@@ -162,7 +141,8 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         sites=_table(cases, "site", "site"),
         through=_table(cases, "cells", "cells", "cells through the thickness"),
         weakest=_weakest(cases),
-        split=_with_ground(content.get("with_ground"), cases) + _split(content.get("with_ground") or content),
+        left_out=_left_out(content.get("left_out", ())),
+        split=_split(content),
         noise=100 * median(case["noise"] for case in cases),
         presets=markdown(("preset", "cells through the thickness", "run-out", "thickness map"), _presets(content["expected"])),
         table=download("error_bars.csv", f"all {len(cases)} bars"),
@@ -171,8 +151,7 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         **{name: versions[name] for name in ("runout", "commit", "numba", "numpy")},
         **{name: machine[name] for name in ("cores", "architecture")},
     )
-    columns = [name for name in COLUMNS if name in cases[0]]
-    table = as_csv(columns, ([case[name] for name in columns] for case in cases))
+    table = as_csv(COLUMNS, ([case[name] for name in COLUMNS] for case in cases))
     return StudyPage("error_bars", text, {"error_bars.csv": table}, {"error_bars.png": _figure(cases)})
 
 
@@ -210,30 +189,6 @@ def _weakest(cases: Sequence[Mapping[str, Any]]) -> str:
             places = ", ".join(f"{site} {count}" for site, count in missed.items())
             few.append(f"{some[0]['title']}, {len(some) - missed.total()} of {len(some)} (misses: {places})")
     return f"Of each quantity at least 9 of 10 bars hold{', but for ' if few else ''}{'; '.join(few)}."
-
-
-def _with_ground(content: Mapping[str, Any] | None, earlier: Sequence[Mapping[str, Any]]) -> str:
-    """Section on bars of the earlier cases that have the part of the ground, in Markdown; empty without."""
-    if not content:
-        return ""
-    cases = content["cases"]
-    keys = {tuple(case[name] for name in CASE) for case in cases}
-    same = coverage([case for case in earlier if tuple(case[name] for name in CASE) in keys])
-    found, outside = coverage(cases), coverage([case for case in cases if case["held_out"]])
-    return WITH_GROUND.format(
-        cells=", ".join(f"{cells:g}" for cells in _groups(cases, "cells")),
-        held=sum(case["holds"] for case in cases),
-        count=len(cases),
-        part=100 * found["holds"],
-        before=100 * same["holds"],
-        part_outside=100 * outside["holds"],
-        ratio=found["ratio"],
-        ratio_before=same["ratio"],
-        sites=_table(cases, "site", "site"),
-        weakest=_weakest(cases),
-        left_out=_left_out(content.get("left_out", ())),
-        **{name: content[name] for name in ("engines", "options")},
-    )
 
 
 def _left_out(sites: Sequence[Mapping[str, Any]]) -> str:

@@ -26,7 +26,7 @@ STRUCTURES: dict[str, dict[str, int]] = {  # of contact with structures; bounded
     "float64": dict.fromkeys(("find_structure_contacts", "solve_contacts"), 168),
 }
 SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; bounded for single precision, not measured
-    "float32": {"strain_in_place": 168, "grid_to_particles": 128},
+    "float32": {"strain_in_place": 144, "grid_to_particles": 128},
     "float64": {"strain_in_place": 255, "grid_to_particles": 255, "solve_contacts": 168},
 }
 SUBSTEPS_SPILLED = {"float32": {"solve_contacts": 8, "grid_to_particles": 8}, "float64": {"strain_in_place": 8}}

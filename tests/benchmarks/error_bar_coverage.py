@@ -36,6 +36,7 @@ from docs.pages.error_bars import FILE, coverage
 from runout.forecast import numerical_error
 from runout.forecast.numerical_error import MAP
 from runout.io.atomic import whole_file, write_json
+from runout.studies import convergence
 from runout.studies.convergence import SHIFT, Ground, Pair, Run, bars, grounds, paired, plan, relative_l1, run_once
 
 SITES = Path(__file__).parents[2] / "sites"
@@ -259,10 +260,19 @@ def judged_again(runs: Sequence[Run], pair: Pair | None, known: Sequence[Mapping
 def tried_constants(
     plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path, known: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[dict[str, float], list[dict[str, Any]]]]:
-    """Other constants of a bar, and all cases with them."""
+    """Other constants of a bar, and all cases with them; ``known``: the cases with those of now, whose differences stay."""
+    distances, between = {}, convergence._distances
+
+    def known_distances(runs: Sequence[Run], name: str) -> list[float]:
+        """Distances of the maps of the same runs, which no constant changes; ``finished`` keeps the runs."""
+        key = (name, *map(id, runs))
+        if key not in distances:
+            distances[key] = between(runs, name)
+        return distances[key]
+
     for safety, of_map, scatters, share in product((1.0, 1.25, 1.5), (1.25, 1.5, 1.75, 2.0), (1.0, 2.0), (0.25, 0.35, 0.45, 0.6)):
         numbers = {"SAFETY": safety, "MAP_SAFETY": of_map, "SCATTERS": scatters, "SHARE": share}
-        with patch.multiple(numerical_error, **numbers):
+        with patch.multiple(numerical_error, **numbers), patch.object(convergence, "_distances", known_distances):
             yield numbers, list(cases_of(plans, truth, folder, known))
 
 
@@ -377,7 +387,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     chosen.bias_by_thickness = split_case(chosen.split, chosen.truth, folder, run) if chosen.split else None
     content = record(list(cases_of(plans, chosen.truth, folder, known)), seconds, time.perf_counter() - started, chosen)
     if chosen.constants:
-        tried = list(tried_constants(plans, chosen.truth, folder, known))
+        tried = list(tried_constants(plans, chosen.truth, folder, content["cases"]))
         print("\n".join(constants(tried)), flush=True)
         content["left_out"] = left_out_sites(tried)
     print(write_json(content, chosen.out / FILE), json.dumps(content["coverage"]), json.dumps(content["expected"]))

@@ -98,30 +98,25 @@ def test_recorded_bars_are_true_and_tight():
     assert {"jacksboro", "frank_slide", "cascades_2021", "made", "avakot"} == {case["site"] for case in cases}
     outside = [case for case in cases if case["held_out"]]
     assert record["coverage_held_out"] == pytest.approx(coverage(outside))
-    assert coverage(outside)["holds"] >= 0.85
+    assert coverage(outside)["holds"] >= 0.90
     assert [case["holds"] for case in cases] == [case["difference"] * abs(case["fine"] or 1.0) <= case["error"] for case in cases]
     found = coverage(cases)
     assert record["coverage"] == pytest.approx(found)
-    assert 0.90 <= found["holds"] <= 0.97
-    assert found["ratio"] <= 3.0
-
-
-def test_recorded_bars_of_one_cell_hold_with_the_part_of_the_ground():
-    """In all, held out and for each quantity but the peak speed, whose misses are those of Frank Slide (the page says why)."""
-    record = json.loads(RECORD.read_text())
-    cases = record["with_ground"]["cases"]
-    assert {case["cells"] for case in cases} == {1.0}
-    assert [case["holds"] for case in cases] == [case["difference"] * abs(case["fine"] or 1.0) <= case["error"] for case in cases]
-    for some in (cases, [case for case in cases if case["held_out"]]):
+    for some in (cases, outside, *([case for case in cases if case["cells"] == cells] for cells in study.CELLS)):
         assert 0.90 <= coverage(some)["holds"] <= 0.97
         assert coverage(some)["ratio"] <= 3.0
-    quantities = {case["quantity"] for case in cases}
-    shares = {name: coverage([case for case in cases if case["quantity"] == name])["holds"] for name in quantities}
-    assert {name for name, share in shares.items() if share < 0.88} == {"peak_speed"}
-    assert {case["site"] for case in cases if case["quantity"] == "peak_speed" and not case["holds"]} == {"frank_slide"}
     text = page(record).text
     assert f"{sum(case['holds'] for case in cases)} of {len(cases)} bars hold" in text
+    assert "With one site left out" in text
     assert "Speed of thin flows" in text
+
+
+def test_recorded_bars_of_each_quantity_hold_but_those_of_the_peak_speed_on_frank_slide():
+    """The page says why: the peak speed is that of a tail that thin grids slow down, all of them alike."""
+    cases = json.loads(RECORD.read_text())["cases"]
+    shares = {name: coverage([c for c in cases if c["quantity"] == name])["holds"] for name in {c["quantity"] for c in cases}}
+    assert {name for name, share in shares.items() if share < 0.90} == {"peak_speed"}
+    assert {case["site"] for case in cases if case["quantity"] == "peak_speed" and not case["holds"]} == {"frank_slide"}
 
 
 def test_a_site_that_is_left_out_has_the_constants_that_the_others_choose():

@@ -66,7 +66,7 @@ LANES = {  # of a block; other kernels have PARTICLE_LANES
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
     "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20), "sum_blocks": (PARTICLE_LANES, 6), "cut_tiles": (PARTICLE_LANES, 4),
-    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (CELL_LANES, 6),
+    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (CELL_LANES, 7),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes

@@ -71,6 +71,7 @@ put_in: Any = None  # puts a number in its place in a tile; the binding puts it 
 stage: Any = None  # begins to copy what is needed of a record to shared memory, likewise
 stage_node: Any = None  # begins to copy a node to a tile, likewise
 come: Any = None  # a lane waits for its own copies, likewise
+pair_at: Any = None  # two numbers that lie beside each other, by one load; likewise
 arrive: Any = None  # waits for copies to shared memory, likewise
 meet: Any = None  # the lanes of a block wait for each other, likewise
 sum_lanes: Any = None  # sum over the lanes of a warp, likewise
@@ -202,18 +203,19 @@ def strain_in_place(
                 book(grid.booked, b, 5 * (lane // WARP), all_lost)
 
 
-def _begin_contacts(contacts: ContactGroup, slot: int, n: int):
+def _begun(contacts: ContactGroup, slot: int, n: int):
     """Impulses [N s] of all contacts on a node in the substep before, from which they start in this one."""
-    east = slot * SLOT + PUSHES + 2 * n
-    up = slot * SLOT + PUSHES_UP + n
-    begun = _place_of_begun(contacts, slot) + n
-    push = node_at(contacts.memory, begun)
-    push += node4(real(0.0), contacts.shares[east], contacts.shares[east + 1], contacts.shares[up])
-    put_node(contacts.memory, begun, push)
-    contacts.shares[east] = real(0.0)
-    contacts.shares[east + 1] = real(0.0)
-    contacts.shares[up] = real(0.0)
-    return push
+    push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * n)
+    up = contacts.shares[slot * SLOT + PUSHES_UP + n]
+    return node_at(contacts.memory, _place_of_begun(contacts, slot) + n) + node4(real(0.0), push[0], push[1], up)
+
+
+def _begin_contacts(contacts: ContactGroup, slot: int, n: int, push: Any):
+    """Let the contacts on a node start from these impulses [N s]."""
+    put_node(contacts.memory, _place_of_begun(contacts, slot) + n, push)
+    contacts.shares[slot * SLOT + PUSHES + 2 * n] = real(0.0)
+    contacts.shares[slot * SLOT + PUSHES + 2 * n + 1] = real(0.0)
+    contacts.shares[slot * SLOT + PUSHES_UP + n] = real(0.0)
 
 
 def resume_nodes(
@@ -223,29 +225,35 @@ def resume_nodes(
     """Momentum of the nodes with the impulses of the new stress and of the contacts, and their way so far, in substep ``turn``."""
     t = wp.tid()
     b = t >> 6
+    layer = 64 * blocks.up.shape[0]
+    g = node_at(grid.nodes, t)  # all is loaded at once, before it is known whether there is anything to do
+    push = node4()
+    if not ORDERED:
+        push = node_at(grid.nodes, t + 2 * layer)
+    way = node4()
+    if turn > FIRST:
+        way = node_at(grid.nodes, t + layer)
+    slot = ground.grounded[b]
+    s = blocks.member[b]
     if status.flags[HALT] != 0:
         return
     if t < scenes.left.shape[0] and scenes.clock[t, 0] > real(0.0):
         scenes.step_counts[t] = scenes.step_counts[t] + 1
     if b >= status.tally[BLOCKS]:
         return
-    g = node_at(grid.nodes, t)
     if g[0] > real(0.0):
-        layer = 64 * blocks.up.shape[0]
-        dt = scenes.clock[blocks.member[b], 0]
-        way = node4()
-        if turn > FIRST:
-            way = node_at(grid.nodes, t + layer)
+        begun = node4()
+        if slot >= 0:
+            begun = _begun(contacts, slot, t & 63)
+        dt = scenes.clock[s, 0]
         if dt > real(0.0):
             way += dt * g
-            push = node4()
             if ORDERED:
                 push = _sum_arenas(blocks, grid, grid.held, t)
             else:
-                push = node_at(grid.nodes, t + 2 * layer)
                 put_node(grid.nodes, t + 2 * layer, node4())
-            slot = ground.grounded[b]
             if slot >= 0:
-                push += _begin_contacts(contacts, slot, t & 63)
+                push += begun
+                _begin_contacts(contacts, slot, t & 63, begun)
             put_node(grid.nodes, t, node4(g[0], g[0] * g[1] + push[1], g[0] * g[2] + push[2], g[0] * g[3] + push[3]))
         put_node(grid.nodes, t + layer, way)
