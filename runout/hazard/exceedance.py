@@ -25,7 +25,7 @@ from runout.hazard.sampling import Estimator, Strata, evenness, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
-from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, meets, places_in, to_record
+from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, maps_of, meets, places_in, to_record
 from runout.quantities import (
     ALL_QUANTITIES,
     ARRIVAL,
@@ -342,7 +342,7 @@ class _Maps:
 
     def _put_joint(self, tile: int, condition: Condition, index: int, members: np.ndarray) -> None:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
-        met = meets(condition, self._values(tile, at_one_time(condition) | dict(condition)), self.places)
+        met = meets(condition, self._values(tile, maps_of(condition)), self.places)
         unsorted, one = met.astype(np.float32), np.ones(1, np.float32)
         spread = self.estimator.spread(unsorted, members, len(self.weights), one)
         self._deviate("joint_exceedance_standard_error", index, unsorted, members)
