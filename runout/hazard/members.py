@@ -18,8 +18,9 @@ from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_dataset
 from runout.io.map_layers import add_layers, put, whole_chunks
 from runout.io.member_maps import BED_MAPS, LEDGERS, MEMBER_MAPS, RECORDS, MemberMaps
+from runout.model.joint_conditions import ATTRIBUTE
 from runout.model.terrain import Terrain
-from runout.quantities import CHANGE
+from runout.quantities import CHANGE, MET
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -148,11 +149,9 @@ def members_file(
                 ledgers[number] = member.ledger()
             rows, columns = member.part.slices if known is None else (slice(0, size) for size in terrain.shape)
             place = whole_chunks(rows, terrain.shape[0]), whole_chunks(columns, terrain.shape[1])
-            of_bed = [name for name in BED_MAPS if name in member.held()]
-            for name in (name for name in of_bed if name not in layers):
-                with netcdf.writing(path):
-                    layers[name] = _add_layers(file, name)
-            for name in (*MEMBER_MAPS, *of_bed):
+            with netcdf.writing(path):
+                names = (*MEMBER_MAPS, *_maps_of_some(file, layers, member))
+            for name in names:
                 cells = member.within(name, place) if known is None else member.layer(name, known)
                 with netcdf.writing(path):
                     put(layers[name], cells, (places[number],), (place[0].start, place[1].start))
@@ -193,6 +192,23 @@ def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
     reasons = [ensemble.failed.get(m, "") for m in ensemble.table.index]
     dataset["failure_reason"] = ("realization", np.array(reasons, dtype=object))
     return dataset
+
+
+def _maps_of_some(file: "netCDF4.Dataset", layers: dict[str, "netCDF4.Variable"], member: MemberMaps) -> list[str]:
+    """Maps of a member that not all members have; ``layers`` gets those that are new.
+
+    The record of joint conditions is one of them if the member recorded the conditions that the first one did; otherwise its bits
+    have another meaning.
+    """
+    names = [name for name in (*BED_MAPS, MET) if name in member.file.variables]
+    layers |= {name: _add_layers(file, name) for name in names if name not in layers}
+    if MET in names:
+        conditions = str(member.attributes[ATTRIBUTE])
+        if ATTRIBUTE not in file.ncattrs():
+            file.setncattr(ATTRIBUTE, conditions)
+        if file.getncattr(ATTRIBUTE) != conditions:
+            names.remove(MET)
+    return names
 
 
 def _add_layers(file: "netCDF4.Dataset", name: str) -> "netCDF4.Variable":
