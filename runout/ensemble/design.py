@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 SOBOL_BITS = 30  # points are multiples of 2**-30
 MOST_NOTED = 2**16  # numbers in a note
-VOLUME = 1024  # points of a net that stands for the volume of the unit cube
+VOLUME = 1024, 4096  # fewest and most points of a net that stands for the volume of the unit cube
 
 
 @dataclass(frozen=True)
@@ -106,16 +106,16 @@ class NetPoints:
     """
 
     members: np.ndarray  # (members, parameters)
-    volume: np.ndarray  # (VOLUME, parameters): a net of its own
+    volume: np.ndarray  # (points, parameters): a net of its own
 
 
 def nets_of(ensemble: Any, members: int | None = None) -> dict[str, NetPoints]:
     """Points of the net of each scenario by its name, or of all members by the name ""; none for a table of the user."""
-    parameters, count = dict(ensemble.parameters or {}), members or ensemble.members
+    parameters = dict(getattr(ensemble, "parameters", None) or {})
     if getattr(ensemble, "table", None):
         return {}
     if not getattr(ensemble, "scenarios", None):
-        return {"": _net_of(parameters, count, ensemble.seed)} if parameters else {}
+        return {"": _net_of(parameters, members or ensemble.members, ensemble.seed)} if parameters else {}
     drawn = {one.name: _drawn({**parameters, **one.parameters}) for one in ensemble.scenarios}
     counts = {one.name: one.members or ensemble.members for one in ensemble.scenarios}
     return {name: _net_of(of, counts[name], scenario_seed(ensemble.seed, name)) for name, of in drawn.items() if of}
@@ -123,7 +123,7 @@ def nets_of(ensemble: Any, members: int | None = None) -> dict[str, NetPoints]:
 
 def _net_of(parameters: Mapping[str, Any], count: int, seed: int) -> NetPoints:
     distributions = [parameters[name] for name in sorted(parameters)]
-    sizes = (count, seed), (VOLUME, seed + 1)
+    sizes = (count, seed), (min(max(VOLUME[0], 4 * count), VOLUME[1]), seed + 1)
     return NetPoints(*(_middles(distributions, sobol_points(n, len(parameters), of_net)) for n, of_net in sizes))
 
 

@@ -25,6 +25,7 @@ from runout.ensemble.design import NetPoints
 FITTED = 128  # members of the net, from its first on, that decide lengths, jumps and noise: a net as well
 LENGTHS, JUMPS, NOISES = (0.05, 20.0), (1e-6, 100.0), (1e-6, 100.0)  # ranges of lengths [range of a parameter], q and r
 ROWS = 256  # of covariances at once
+ROOT = math.sqrt(5.0)
 
 
 def error_of_net(products: np.ndarray, points: NetPoints) -> float:
@@ -43,7 +44,8 @@ def error_of_net(products: np.ndarray, points: NetPoints) -> float:
     bounds = np.log([*[LENGTHS] * first.shape[1], JUMPS, NOISES])
     fit = minimize(_deviance, start, args=(products, first), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
     *lengths, jumps, noise = np.exp(fit.x)
-    inverse, _ = _inverse(_covariance(first, first, lengths, jumps)[0], noise)
+    smooth, rough, _ = _covariance(first, first, lengths, jumps)
+    inverse, _ = _inverse(smooth + rough, noise)
     variance = float((inverse * products).sum()) / (len(first) - 1)
     pairs = (points.members, points.members), (points.members, points.volume), (points.volume, points.volume)
     within, across, whole = (_mean_covariance(a, b, lengths, jumps) for a, b in pairs)
@@ -54,11 +56,12 @@ def _deviance(logarithms: np.ndarray, products: np.ndarray, points: np.ndarray) 
     """Minus twice the logarithm of the probability of lengths, jumps and noise, but for a constant, and its gradient."""
     count, lengths = len(points), logarithms[:-2]
     jumps, noise = np.exp(logarithms[-2:])
-    covariance, slopes = _covariance(points, points, np.exp(lengths), jumps)
-    inverse, determinant = _inverse(covariance, noise)
+    smooth, rough, distances = _covariance(points, points, np.exp(lengths), jumps)
+    inverse, determinant = _inverse(smooth + rough, noise)
     explained = inverse @ products
     square = float(np.trace(explained))
     change = inverse - (count - 1) / square * explained @ inverse
+    slopes = [*(_slope(smooth, rough, distance) for distance in distances), rough]
     gradient = np.array([*((change * slope).sum() for slope in slopes), noise * np.trace(change)])
     gradient[: len(lengths)] += 2.0 * lengths
     return determinant + (count - 1) * math.log(square) + float(lengths @ lengths), gradient
@@ -74,18 +77,22 @@ def _inverse(covariance: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
     return inverse - np.outer(rows, rows) / rows.sum(), determinant
 
 
-def _covariance(a: np.ndarray, b: np.ndarray, lengths: np.ndarray, jumps: float) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Covariance of two sets of points, and its slopes with the logarithms of the lengths and of ``jumps``."""
+def _covariance(a: np.ndarray, b: np.ndarray, lengths: np.ndarray, jumps: float) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Smooth part and part with jumps of the covariance of two sets of points, and their distances over the lengths."""
     distances = [np.abs(x[:, None] - y) / length for x, y, length in zip(a.T, b.T, lengths, strict=True)]
-    scaled = [math.sqrt(5.0) * distance for distance in distances]
-    polynomials = [1.0 + z + z * z / 3.0 for z in scaled]
-    smooth = np.prod(polynomials, axis=0) * np.exp(-sum(scaled))
-    rough = jumps * np.exp(-sum(distances))
-    of_parts = zip(scaled, polynomials, distances, strict=True)
-    slopes = [smooth * z * z * (1.0 + z) / (3.0 * polynomial) + rough * distance for z, polynomial, distance in of_parts]
-    return smooth + rough, [*slopes, rough]
+    smooth, total = np.ones((len(a), len(b))), np.zeros((len(a), len(b)))
+    for distance in distances:
+        smooth *= 1.0 + ROOT * distance + 5.0 / 3.0 * distance * distance
+        total += distance
+    return smooth * np.exp(-ROOT * total), jumps * np.exp(-total), distances
+
+
+def _slope(smooth: np.ndarray, rough: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Slope of the covariance with the logarithm of the length of a parameter."""
+    z = ROOT * distance
+    return smooth * z * z * (1.0 + z) / (3.0 + 3.0 * z + z * z) + rough * distance
 
 
 def _mean_covariance(a: np.ndarray, b: np.ndarray, lengths: np.ndarray, jumps: float) -> float:
-    sums = (float(_covariance(a[row : row + ROWS], b, lengths, jumps)[0].sum()) for row in range(0, len(a), ROWS))
-    return math.fsum(sums) / (len(a) * len(b))
+    parts = (_covariance(a[row : row + ROWS], b, lengths, jumps) for row in range(0, len(a), ROWS))
+    return math.fsum(float(smooth.sum() + rough.sum()) for smooth, rough, _ in parts) / (len(a) * len(b))
