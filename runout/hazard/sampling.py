@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BLOCKS = 4
 NO_NETS: Mapping[str, NetPoints] = MappingProxyType({})
-SAFETY = 1.1  # stated over true is 0.8 to 1.5 with it for flows of 1 to 6 parameters and 16 to 128 members (docs/guide/maps.md)
+SAFETY = 1.12  # stated over true is 0.8 to 1.5 with it for flows of 1 to 6 parameters and 16 to 128 members (docs/guide/maps.md)
 
 
 @dataclass(frozen=True)
