@@ -214,7 +214,8 @@ class NumbaBinding:
         """Copies of the function ``link`` that call each other, each with one of the formulas and its place from ``first`` on."""
         import numba
 
-        inline, found = numba.njit(**self.inlined), self._inlined(link.__globals__["others"])
+        *_, found = map(self._inlined, functions_of_law(link.__globals__["others"]))  # what the end of the chain calls comes first
+        inline = numba.njit(**self.inlined)
         for place, formula in reversed(list(enumerate(formulas, first))):
             copy = rebound(link, {"PLACE": place, "formula": self._inlined(formula), "others": found}, {})
             copy.__qualname__ = "_".join([link.__name__, *(f.__name__ for f in formulas[place - first :])])

@@ -110,7 +110,7 @@ def nothing() -> RasterSums:
 def loops() -> SimpleNamespace:
     """The compiled loops of :mod:`runout.backends.spreading`, without fused operations."""
     binding = numba_binding(np.float64, False)
-    formulas: list[Any] = [q.formula for q in peak_quantities()]
+    formulas: list[Any] = [q.formula for q in peak_quantities()]  # the module of pressure has the strength of a house as well
     sources: dict[Any, None] = dict.fromkeys([column_peaks, column_shares, *map(inspect.getmodule, formulas)])
     peaks = binding.chain(column_peaks.raise_peaks, formulas[1:], 1)  # the loop itself raises the thickness
     shares = binding.chain(column_shares.least_share, formulas)

@@ -18,7 +18,7 @@ from runout.config.problems import problems_of
 from runout.config.quantities import Text
 from runout.config.wording import choice_fix, shown
 from runout.errors import ConfigError, Problem
-from runout.model.joint_conditions import Key, flow_part, is_bounded
+from runout.model.joint_conditions import HOUSE, Key, flow_part, is_bounded
 from runout.quantities import ALL_QUANTITIES, BED_QUANTITIES
 from runout.variables import VARIABLES
 
@@ -73,6 +73,12 @@ class _Criterion(Settings):
         """Thresholds by the name of the quantity."""
         return self.model_dump(exclude_none=True, exclude={"reached", "house_strength"})
 
+    @property
+    def condition(self) -> dict[str, float]:
+        """What members record at one time (:mod:`runout.model.joint_conditions`): thresholds, or the strength of a house."""
+        strength = self.house_strength
+        return dict(zip(HOUSE, (strength.force, strength.height), strict=True)) if strength else self.thresholds
+
     def within(self, other: "_Criterion") -> bool:
         """Whether whatever meets this criterion meets the other one too."""
         if other.reached:
@@ -86,8 +92,8 @@ class _Criterion(Settings):
         if self.reached:
             return "reached"
         if self.house_strength:
-            strength = self.house_strength
-            return f"pressure above {strength.force / 1e3:g} / (H ({strength.height:g} - H)) kPa at a thickness H in m"
+            strength = f"{self.house_strength.force / 1e3:g} / (H ({self.house_strength.height:g} - H)) kPa"
+            return f"pressure of {strength} or more at a thickness H in m at one time"
         thresholds, flow = self.thresholds, flow_part(self.thresholds)
         parts = [f"{ALL_QUANTITIES[name].words} of {_printed(name, least)} or more" for name, least in (flow | thresholds).items()]
         parts[len(flow) - 1] += " at one time" if flow else ""
@@ -96,10 +102,11 @@ class _Criterion(Settings):
 
 def _compared(criterion: "_Criterion") -> str:
     """How a criterion is compared whose thresholds members do not record at one time."""
+    used = "maxima of different times are compared"
     if criterion.house_strength:
-        return "the largest pressure is compared with the strength at the largest thickness"
-    by = "thickness and speed are bounded by the maxima of both, of the smaller of both, and of their products"
-    used = by if {"thickness", "speed"} <= criterion.thresholds.keys() else "maxima of different times are compared"
+        used = "the largest pressure is compared with the strength at the largest thickness"
+    elif {"thickness", "speed"} <= criterion.thresholds.keys():
+        used = "thickness and speed are bounded by the maxima of both, of the smaller of both, and of their products"
     return f"members ran without this criterion and do not record it, so that {used}"
 
 
@@ -194,8 +201,8 @@ class DangerScheme(Settings):
 
     @property
     def conditions(self) -> list[dict[str, float]]:
-        """Thresholds of each criterion that has two or more."""
-        return [criterion.thresholds for one in self.classes for criterion in one.when if len(criterion.thresholds) > 1]
+        """Conditions of the criteria of several thresholds, and of those of the strength of a house."""
+        return [criterion.condition for one in self.classes for criterion in one.when if len(criterion.condition) > 1]
 
     def remarks(self, has_bed: bool, places: Mapping[Key, int]) -> list[str]:
         """Sentences on how criteria were compared, where that is not as the scheme asks for.
@@ -206,7 +213,7 @@ class DangerScheme(Settings):
         texts = [
             f"Class {name} ({criterion}): {_compared(criterion)}; its area is too large rather than too small."
             for name, criterion in criteria
-            if criterion.house_strength or is_bounded(criterion.thresholds, places)
+            if is_bounded(criterion.condition, places)
         ]
         of_bed = sorted({name for _, criterion in criteria for name in criterion.thresholds if name in BED_QUANTITIES})
         if of_bed and not has_bed:

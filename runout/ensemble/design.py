@@ -6,7 +6,7 @@ the rate of all scenarios as weight.
 
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SOBOL_BITS = 30  # points are multiples of 2**-30
 MOST_NOTED = 2**16  # numbers in a note
+VOLUME = 1024, 4096  # fewest and most points of a net that stands for the volume of the unit cube
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,50 @@ def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
     return table
 
 
+@dataclass(frozen=True)
+class NetPoints:
+    """Points of the members of a net in the unit cube of its parameters, and points that stand for its volume.
+
+    All points of one value of a discrete parameter are in the middle of its interval.
+    """
+
+    members: np.ndarray  # (members, parameters)
+    volume: np.ndarray  # (points, parameters): a net of its own
+
+
+def nets_of(ensemble: Any, members: int | None = None) -> dict[str, NetPoints]:
+    """Points of the net of each scenario by its name, or of all members by the name ""; none for a table of the user."""
+    parameters = dict(getattr(ensemble, "parameters", None) or {})
+    if getattr(ensemble, "table", None):
+        return {}
+    if not getattr(ensemble, "scenarios", None):
+        return {"": _net_of(parameters, members or ensemble.members, ensemble.seed)} if parameters else {}
+    drawn = {one.name: _drawn({**parameters, **one.parameters}) for one in ensemble.scenarios}
+    counts = {one.name: one.members or ensemble.members for one in ensemble.scenarios}
+    return {name: _net_of(of, counts[name], scenario_seed(ensemble.seed, name)) for name, of in drawn.items() if of}
+
+
+def _net_of(parameters: Mapping[str, Any], count: int, seed: int) -> NetPoints:
+    distributions = [parameters[name] for name in sorted(parameters)]
+    sizes = (count, seed), (min(max(VOLUME[0], 4 * count), VOLUME[1]), seed + 1)
+    return NetPoints(*(_middles(distributions, sobol_points(n, len(parameters), of_net)) for n, of_net in sizes))
+
+
+def _middles(distributions: Sequence[Any], points: np.ndarray) -> np.ndarray:
+    """Points (members, parameters); those of a discrete parameter in the middle of the interval of their value."""
+    for column, distribution in zip(points.T, distributions, strict=True):
+        if distribution.distribution == "discrete":
+            edges = np.append(0.0, np.cumsum(distribution.frequencies) / np.sum(distribution.frequencies))
+            place = np.searchsorted(edges[1:-1], column, side="right")
+            column[:] = 0.5 * (edges[place] + edges[place + 1])
+    return points
+
+
+def _drawn(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters that have more than one value."""
+    return {name: one for name, one in parameters.items() if one.distribution != "discrete" or len(one.values) > 1}
+
+
 def _of_scenarios(ensemble: Any) -> Design:
     """Members of one scenario after the other; a scenario with more members keeps the first ones."""
     rates = scenario_rates(ensemble.scenarios)
@@ -118,9 +163,8 @@ def _of_scenarios(ensemble: Any) -> Design:
 def _of_scenario(ensemble: Any, scenario: Any, count: int, seed: int, sources: list[str]) -> dict[str, list[float]]:
     """Values (count,) of the parameters of a scenario, and which of the ``sources`` fail; all fail where it names none."""
     stated = {**ensemble.parameters, **scenario.parameters}
-    fixed = {name: one for name, one in stated.items() if one.distribution == "discrete" and len(one.values) == 1}
-    drawn = _sampled({name: one for name, one in stated.items() if name not in fixed}, count, seed)
-    values = {name: [float(fixed[name].values[0])] * count if name in fixed else drawn[name] for name in stated}
+    drawn = _sampled(_drawn(stated), count, seed)
+    values = {name: drawn[name] if name in drawn else [float(one.values[0])] * count for name, one in stated.items()}
     if scenario.releases:
         values |= {name + OF_RELEASE + FAILS: [float(name in scenario.releases)] * count for name in sources}
     return values

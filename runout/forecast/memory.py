@@ -30,6 +30,7 @@ WHILE_LOADED = 8, 24  # bytes a particle beside the arrays of a backend on the C
 CHUNKS = 1e7  # bytes of the particles that are made at once
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
 PER_MAP_CELL = 110 + 8 * len(member_map_names())  # bytes per cell of the raster: sums, work arrays, and the maps
+PER_CONDITION = 8  # bytes per cell of the raster and joint condition: the largest share of its thresholds
 STRUCTURE_SUMS = 4 * 216 + 4 * 128  # numbers by block near structures: of the nodes that its particles reach, and of its nodes
 PLAN = 16  # columns of a block
 PROGRAM = 0.22e9  # libraries and compiled code
@@ -143,7 +144,7 @@ def available_bytes() -> float | None:
 
 def expected_memory(
     extent: Extent, map_cells: int, scheme: Scheme, engine: Backend | None = None, structures: Structures | None = None,
-    friction: BasalFriction | FrictionLaw | None = None, host_bytes: Callable[..., int] = bytes_on_host,
+    friction: BasalFriction | FrictionLaw | None = None, host_bytes: Callable[..., int] = bytes_on_host, conditions: int = 0,
 ) -> MemoryForecast:  # fmt: skip
     """Forecast for a backend, by default scan.
 
@@ -160,6 +161,8 @@ def expected_memory(
         The law on the ground, if ``extent`` does not hold it.
     host_bytes : callable
         Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
+    conditions : int
+        Number of joint conditions that the run records; the host holds them for every backend.
 
     Raises
     ------
@@ -172,7 +175,8 @@ def expected_memory(
     precision, friction = scheme.precision, extent.friction or friction
 
     def of_host(one: Extent) -> float:
-        return PROGRAM + CHUNKS + WHILE_LOADED[on_device] * one.particles + PER_MAP_CELL * map_cells
+        maps = (PER_MAP_CELL + PER_CONDITION * conditions) * map_cells
+        return PROGRAM + CHUNKS + WHILE_LOADED[on_device] * one.particles + maps
 
     def of_backend(one: Extent) -> float:
         if on_device:

@@ -18,9 +18,8 @@ from runout.config.scheme import DangerScheme, read_scheme
 from runout.errors import ConfigError
 from runout.hazard.frequency import Frequencies, annual_exceedance
 from runout.io import netcdf
-from runout.model.joint_conditions import Key, meets
+from runout.model.joint_conditions import Key, maps_of, meets
 from runout.palettes import palette_of
-from runout.quantities.thickness_and_speed import at_one_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,7 +78,7 @@ class DangerClasses:
     @property
     def quantities(self) -> list[str]:
         """Names of the quantities that decide; the thickness is the first."""
-        of_scheme = [name for one in self.scheme.classes for criterion in one.when for name in _maps_of(criterion)]
+        of_scheme = [name for one in self.scheme.classes for criterion in one.when for name in maps_of(criterion.condition)]
         return list(dict.fromkeys(["thickness", *of_scheme]))
 
     def classes(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -95,9 +94,7 @@ class DangerClasses:
         return classes
 
     def _met(self, criterion: Any, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        if criterion.house_strength:
-            return _breaks_house(values["pressure"], values["thickness"], criterion.house_strength)
-        return meets({"thickness": self.arrival_threshold} if criterion.reached else criterion.thresholds, values, self.places)
+        return meets({"thickness": self.arrival_threshold} if criterion.reached else criterion.condition, values, self.places)
 
     def at_periods(self, classes: np.ndarray, members: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
         """Maps by name from the classes (members, ...): class at each return period (periods, ...), and level of danger (...).
@@ -207,19 +204,3 @@ def entries_of(hazard: "xr.Dataset", name: str) -> list[dict[str, Any]]:
 def label(entry: Mapping[str, Any]) -> str:
     """Words of a class or level for a legend, with the state of checking."""
     return f"{entry['name']} (checked: {entry['checked']})"
-
-
-def _maps_of(criterion: Any) -> Sequence[str]:
-    if criterion.house_strength:
-        return "pressure", "thickness"
-    return tuple(at_one_time(criterion.thresholds) | criterion.thresholds)
-
-
-def _breaks_house(pressure: np.ndarray, thickness: np.ndarray, strength: Any) -> np.ndarray:
-    """Where a pressure [Pa] exceeds the strength of a house; never too small an area, though the maxima are of different times.
-
-    Up to half of the height the strength falls with the thickness, and above it the least one counts: so the strength at the
-    largest thickness is at most that at the time of the largest pressure.
-    """
-    height = np.minimum(thickness, np.float32(0.5 * strength.height)).astype(np.float64)
-    return (pressure > 0) & (pressure * height * (strength.height - height) >= strength.force)

@@ -21,11 +21,11 @@ from runout.hazard.danger import INTENSITY, LEVEL, RATE, DangerClasses
 from runout.hazard.frequency import Frequencies, annual_exceedance, at_return_period
 from runout.hazard.joint import NOWHERE, conditions_of, require_conditions, with_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
-from runout.hazard.sampling import Estimator, Strata, evenness, independent, rms
+from runout.hazard.sampling import Estimator, Scatter, Strata, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import MEMBER_MAPS, Block, MemberMaps
-from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, meets, places_in, to_record
+from runout.model.joint_conditions import ATTRIBUTE, Condition, Key, maps_of, meets, places_in, to_record
 from runout.quantities import (
     ALL_QUANTITIES,
     ARRIVAL,
@@ -218,7 +218,7 @@ class _Maps:
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
         self.danger = danger
         self.joint = conditions_of(dataset)
-        self.deviations: dict[tuple[str, int], np.ndarray] = {}  # by map of standard errors and place of its layer
+        self.scatters: dict[tuple[str, int], Scatter] = {}  # by map of standard errors and place of its layer
         self.quantities = {name: quantity for name, quantity in ALL_QUANTITIES.items() if quantity.peak in dataset}
         self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
         self.shape = (dataset.sizes["y"], dataset.sizes["x"])
@@ -281,7 +281,7 @@ class _Maps:
         spread = self.estimator.spread(unsorted, members, len(self.weights), limits)
         for k, limit in enumerate(limits):
             if limit > 0:
-                self._deviate(f"{quantity.name}_exceedance_standard_error", k, unsorted >= limit, members)
+                self._scatter(f"{quantity.name}_exceedance_standard_error", k, unsorted >= limit, members)
         self._put_annual(tile, quantity, unsorted, members)
         if quantity.mean:
             self._put_mean(tile, quantity, unsorted, members)
@@ -298,7 +298,7 @@ class _Maps:
     def _put_mean(self, tile: int, quantity: MapQuantity, unsorted: np.ndarray, members: np.ndarray) -> None:
         """Mean over the members, their standard deviation, and the standard error of the mean."""
         error = self.estimator.of_mean(unsorted, members, len(self.weights))
-        self._deviate(quantity.standard_error, 0, unsorted, members)
+        self._scatter(quantity.standard_error, 0, unsorted, members)
         values = CellValues(unsorted.astype(np.float64), members, self.weights)
         deviation = values.deviation
         if error is None:
@@ -306,15 +306,15 @@ class _Maps:
         for name, cells in ((quantity.mean, values.mean), (quantity.deviation, deviation), (quantity.standard_error, error)):
             self._put(tile, name, cells)
 
-    def _deviate(self, name: str, index: int, values: np.ndarray, members: np.ndarray) -> None:
-        """Add the deviations of parts of the net in some cells to those of a map of standard errors."""
-        of_cells = self.estimator.deviations(values, members, len(self.weights))
-        self.deviations[name, index] = self.deviations.get((name, index), 0.0) + of_cells
+    def _scatter(self, name: str, index: int, values: np.ndarray, members: np.ndarray) -> None:
+        """Add the scatter of some cells to that of a map of standard errors."""
+        of_cells, of_others = self.estimator.scatter(values, members, len(self.weights)), self.scatters.get((name, index))
+        self.scatters[name, index] = of_cells if of_others is None else of_others + of_cells
 
     def _scale_errors(self) -> None:
         """Bring the standard errors from the spread over blocks to the whole net; untouched cells of 0 take no memory."""
-        for (name, index), of_map in self.deviations.items():
-            factor, layers = evenness(of_map), self.maps[name]
+        for (name, index), of_map in self.scatters.items():
+            factor, layers = self.estimator.factor(of_map), self.maps[name]
             for row in layers if layers.ndim == 2 else layers[index]:
                 cells = row > 0
                 if cells.any():
@@ -342,10 +342,10 @@ class _Maps:
 
     def _put_joint(self, tile: int, condition: Condition, index: int, members: np.ndarray) -> None:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
-        met = meets(condition, self._values(tile, at_one_time(condition) | dict(condition)), self.places)
+        met = meets(condition, self._values(tile, maps_of(condition)), self.places)
         unsorted, one = met.astype(np.float32), np.ones(1, np.float32)
         spread = self.estimator.spread(unsorted, members, len(self.weights), one)
-        self._deviate("joint_exceedance_standard_error", index, unsorted, members)
+        self._scatter("joint_exceedance_standard_error", index, unsorted, members)
         if self.frequencies is not None:
             rate = annual_exceedance(unsorted.T, one[0], self.frequencies.rate[members])
             self._put(tile, "joint_annual_exceedance", rate, index)

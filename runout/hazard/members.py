@@ -20,8 +20,9 @@ from runout.io.atomic import read_json, whole_file
 from runout.io.grid import grid_dataset
 from runout.io.map_layers import add_layers, put, whole_chunks
 from runout.io.member_maps import BED_MAPS, LEDGERS, MEMBER_MAPS, RECORDS, MemberMaps, MembersFile
+from runout.model.joint_conditions import ATTRIBUTE
 from runout.model.terrain import Terrain
-from runout.quantities import CHANGE
+from runout.quantities import CHANGE, MET
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -146,11 +147,9 @@ class MembersWriter:
             self._ledgers[number] = member.ledger()
         rows, columns = member.part.slices if self._known is None else (slice(0, size) for size in self._shape)
         place = whole_chunks(rows, self._shape[0]), whole_chunks(columns, self._shape[1])
-        of_bed = [name for name in BED_MAPS if name in member.held()]
-        for name in (name for name in of_bed if name not in self._layers):
-            with netcdf.writing(self._path):
-                self._layers[name] = _add_layers(self._file, name)
-        for name in (*MEMBER_MAPS, *of_bed):
+        with netcdf.writing(self._path):
+            names = (*MEMBER_MAPS, *_maps_of_some(self._file, self._layers, member))
+        for name in names:
             cells = member.within(name, place) if self._known is None else member.layer(name, self._known)
             with netcdf.writing(self._path):
                 put(self._layers[name], cells, (self._places[number],), (place[0].start, place[1].start))
@@ -240,6 +239,23 @@ def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
     reasons = [ensemble.failed.get(m, "") for m in ensemble.table.index]
     dataset["failure_reason"] = ("realization", np.array(reasons, dtype=object))
     return dataset
+
+
+def _maps_of_some(file: "netCDF4.Dataset", layers: dict[str, "netCDF4.Variable"], member: MemberMaps) -> list[str]:
+    """Maps of a member that not all members have; ``layers`` gets those that are new.
+
+    The record of joint conditions is one of them if the member recorded the conditions that the first one did; otherwise its bits
+    have another meaning.
+    """
+    names = [name for name in (*BED_MAPS, MET) if name in member.file.variables]
+    layers |= {name: _add_layers(file, name) for name in names if name not in layers}
+    if MET in names:
+        conditions = str(member.attributes[ATTRIBUTE])
+        if ATTRIBUTE not in file.ncattrs():
+            file.setncattr(ATTRIBUTE, conditions)
+        if file.getncattr(ATTRIBUTE) != conditions:
+            names.remove(MET)
+    return names
 
 
 def _add_layers(file: "netCDF4.Dataset", name: str) -> "netCDF4.Variable":

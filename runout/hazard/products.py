@@ -10,6 +10,7 @@ import numpy as np
 
 from runout.config.hazard import RETURN_PERIODS, stated_conditions
 from runout.config.site_files import OF_MEMBERS, OF_PRODUCTS
+from runout.ensemble.design import nets_of
 from runout.errors import ConfigError, PartialEnsembleError, StorageError
 from runout.forecast.stiffness import RECORDED, extremes
 from runout.hazard import second_grid, writers
@@ -208,7 +209,7 @@ def hazard_dataset(
         maps[INFLOW_MAP] = terrain.where_known(thickness_of(site.masses()[len(releases) :], terrain))
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
-    estimator = Estimator.of(ensemble.table, ensemble.files)
+    estimator = Estimator.of(ensemble.table, ensemble.files, nets_of(site.settings.ensemble, len(ensemble.table)))
     joint = stated_conditions(settings)
     frequencies = ensemble.frequencies
     over_members = aggregate(

@@ -1,14 +1,17 @@
-"""Sampling error of probabilities: from the spread over parts of one Sobol net, or from weights alone."""
+"""Sampling error of probabilities and means: from the members of one Sobol net, or from weights alone."""
 
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.ensemble.design import NetPoints
 from runout.hazard.frequency import scenarios_of, shares
+from runout.hazard.net_error import FITTED, error_of_net
 from runout.hazard.order import effective_sample_size, equal
 from runout.model.limits import SMALLEST_NET
 
@@ -16,8 +19,20 @@ if TYPE_CHECKING:
     import pandas as pd
 
 BLOCKS = 4
-INDEPENDENT, EVENEST = 2.0, 4.0  # variance of the error of half of the members over that of all: least and largest that counts
-SAFETY = 1.1  # stated over true is 0.8 to 1.4 with it for 7 flows of 1 to 4 parameters and 16 to 128 members (docs/guide/maps.md)
+NO_NETS: Mapping[str, NetPoints] = MappingProxyType({})
+SAFETY = 1.12  # stated over true is 0.8 to 1.5 with it for flows of 1 to 6 parameters and 16 to 128 members (docs/guide/maps.md)
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Sums over cells of a map: squares of the spread over blocks, and products of the members of each net."""
+
+    spread: float = 0.0
+    products: tuple[np.ndarray, ...] = ()  # (members, members), see :func:`runout.hazard.net_error.error_of_net`
+
+    def __add__(self, other: "Scatter") -> "Scatter":
+        products = tuple(a + b for a, b in zip(self.products, other.products, strict=True))
+        return Scatter(self.spread + other.spread, products)
 
 
 @dataclass(frozen=True)
@@ -26,7 +41,7 @@ class Estimator:
 
     Consecutive blocks of a Sobol net are nets themselves, so the spread of their probabilities P_b contains what the even cover
     of the parameters gains: s^2 = sum((P_b - P)^2) / (B (B - 1)) over B blocks. The whole net is more even than its blocks
-    together, so that s alone is up to 2.3 times the true error: :func:`evenness` is the factor of a whole map that mends it.
+    together, so that s alone is up to 5 times the true error: :meth:`factor` of a whole map mends it.
     s^2 = P (1 - P) sum(w^2) holds for independent members.
 
     References
@@ -40,18 +55,24 @@ class Estimator:
         Number of blocks; 0: the error of independent members.
     reason : str
         Why there are no blocks.
+    points : NetPoints, optional
+        Points of the net; without them the spread over blocks alone is the error.
     """
 
     blocks: int = 0
     reason: str = "the members are not known to be a Sobol net"
+    points: NetPoints | None = None
 
     @classmethod
-    def of(cls, table: "pd.DataFrame", valid: Collection[Any]) -> "Estimator | Strata":
-        """The estimator for valid members of a table, in its order; :func:`runout.ensemble.design.member_table` marks its nets."""
+    def of(cls, table: "pd.DataFrame", valid: Collection[Any], nets: Mapping[str, NetPoints] = NO_NETS) -> "Estimator | Strata":
+        """The estimator for valid members of a table, in its order; :func:`runout.ensemble.design.member_table` marks its nets.
+
+        ``nets`` are those of :func:`runout.ensemble.design.nets_of`.
+        """
         if "scenario" in table:
-            return Strata.of(table, valid)
+            return Strata.of(table, valid, nets)
         reason = no_net(table, valid)
-        return cls(0, reason) if reason else cls(BLOCKS, "")
+        return cls(0, reason) if reason else cls(BLOCKS, "", nets.get(""))
 
     def statement(self, members: int) -> str:
         """Formula and reason, for the attributes of a map."""
@@ -90,16 +111,23 @@ class Estimator:
         error: np.ndarray = np.std(self._of_blocks(values, members, ensemble_size), axis=0, ddof=1) / np.sqrt(self.blocks)
         return error
 
-    def deviations(self, values: np.ndarray, members: np.ndarray, ensemble_size: int) -> np.ndarray:
-        """Mean squares (2,) of the deviations of halves and of quarters from the mean of all members, summed over the known cells.
+    def scatter(self, values: np.ndarray, members: np.ndarray, ensemble_size: int) -> Scatter:
+        """Sums over the known cells, which add up over parts of a map; parameters as of :meth:`spread`."""
+        if self.points is None:
+            return Scatter()
+        known = values[np.isfinite(values).all(axis=1)].astype(np.float64)
+        spread = float(np.square(self.of_mean(known, members, ensemble_size)).sum())  # type: ignore[arg-type]
+        first = members < FITTED
+        deviation = np.zeros((len(known), min(ensemble_size, FITTED)))
+        deviation[:, members[first]] = known[:, first]
+        deviation -= known.sum(axis=1, keepdims=True) / ensemble_size
+        return Scatter(spread, (deviation.T @ deviation,))
 
-        Parameters as of :meth:`spread`; 0 without blocks. They add up over parts of a map.
-        """
-        if not self.blocks:
-            return np.zeros(2)
-        of_blocks = np.asarray(self._of_blocks(values, members, ensemble_size))
-        halves, mean = of_blocks.reshape(2, -1, of_blocks.shape[1]).mean(axis=1), of_blocks.mean(axis=0)
-        return np.array([np.nansum(np.square(parts - mean).mean(axis=0)) for parts in (halves, of_blocks)])
+    def factor(self, scatter: Scatter) -> float:
+        """Factor of the spread over blocks that makes it the error of the whole net, for a whole map; 1 without spread."""
+        if scatter.spread <= 0.0 or self.points is None:
+            return 1.0
+        return SAFETY * math.sqrt(error_of_net(scatter.products[0], self.points) / scatter.spread)
 
     def _of_blocks(self, values: np.ndarray, members: np.ndarray, ensemble_size: int) -> list[np.ndarray]:
         """Mean (cells,) of the members of each block."""
@@ -130,6 +158,8 @@ class Strata:
         Weights of the valid members, of sum 1.
     blocks : tuple of int
         Blocks of the net of each scenario; 0: its members count as independent.
+    points : tuple of NetPoints
+        Points of the net of each scenario; none without them.
     reason : str
         Empty: the statement names the scenarios without blocks.
     """
@@ -138,19 +168,22 @@ class Strata:
     places: tuple[np.ndarray, ...]
     weights: np.ndarray
     blocks: tuple[int, ...]
+    points: tuple[NetPoints, ...] = ()
     reason: str = ""
 
     @classmethod
-    def of(cls, table: "pd.DataFrame", valid: Collection[int]) -> "Strata":
+    def of(cls, table: "pd.DataFrame", valid: Collection[int], nets: Mapping[str, NetPoints] = NO_NETS) -> "Strata":
         """The estimator for valid members of a table with scenarios."""
         names, weights = scenarios_of(table), shares(table, "weight", valid)
         scenarios = tuple(dict.fromkeys(names))
         lasting = names[table.index.isin(list(valid))]
         places = tuple(np.flatnonzero(lasting == name) for name in scenarios)
-        nets = [
+        whole = [
             _has_net(table.attrs, weights[place], int((names == name).sum())) for name, place in zip(scenarios, places, strict=True)
         ]
-        return cls(tuple(map(str, scenarios)), places, weights / weights.sum(), tuple(BLOCKS if net else 0 for net in nets))
+        points = tuple(nets[name] for name in scenarios) if all(whole) and set(scenarios) <= nets.keys() else ()
+        blocks = tuple(BLOCKS if net else 0 for net in whole)
+        return cls(tuple(map(str, scenarios)), places, weights / weights.sum(), blocks, points)
 
     def statement(self, members: int) -> str:
         """Formula, for the attributes of a map of so many members."""
@@ -166,17 +199,23 @@ class Strata:
         errors = [self.of_mean(values >= limit, members, ensemble_size) for limit in limits]
         return np.array(errors).reshape(len(limits), len(values))
 
-    def deviations(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
-        """Mean squares (2,) of the deviations in the nets of the scenarios, with the squares of their shares of the rate.
-
-        Parameters as those of :meth:`Estimator.deviations`. 0 if a scenario has no net: its error needs no factor.
-        """
-        total = np.zeros(2)
-        for place, blocks in zip(self.places, self.blocks if all(self.blocks) else (), strict=bool(all(self.blocks))):
+    def scatter(self, values: np.ndarray, members: np.ndarray, _: int) -> Scatter:
+        """Sums over the known cells with the squares of the shares of the rate; parameters as of :meth:`Estimator.scatter`."""
+        spread, products = 0.0, []
+        for place, points in zip(self.places if self.points else (), self.points, strict=True):
             columns = np.flatnonzero(np.isin(members, place))
-            within, share = np.searchsorted(place, members[columns]), self.weights[place].sum()
-            total += share**2 * Estimator(blocks, "").deviations(values[:, columns], within, len(place))
-        return total
+            within, square = np.searchsorted(place, members[columns]), float(self.weights[place].sum()) ** 2
+            own = Estimator(BLOCKS, "", points).scatter(values[:, columns], within, len(place))
+            spread += square * own.spread
+            products.append(square * own.products[0])
+        return Scatter(spread, tuple(products))
+
+    def factor(self, scatter: Scatter) -> float:
+        """As :meth:`Estimator.factor`; 1 if a scenario has no net: its error needs no factor."""
+        if scatter.spread <= 0.0:
+            return 1.0
+        squares = [error_of_net(products, points) for products, points in zip(scatter.products, self.points, strict=True)]
+        return SAFETY * math.sqrt(math.fsum(squares) / scatter.spread)
 
     def of_mean(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
         """Standard error (cells,) of the mean over the members; parameters as those of :meth:`Estimator.spread`."""
@@ -191,26 +230,6 @@ class Strata:
                 mean, square = own @ weights / share, np.square(own, dtype=np.float64) @ weights / share
                 variance += np.maximum(square - mean**2, 0.0) * np.square(self.weights[place]).sum()
         return np.sqrt(variance)  # type: ignore[no-any-return]
-
-
-def evenness(deviations: np.ndarray) -> float:
-    """Factor of the spread over the quarters of a net that makes it the error of the whole net.
-
-    Let the variance of the error of m of n members be e^2 x^k with n / m = 2^k; x is 2 for independent members, and 4 where the
-    error falls like 1/n. The mean square of the deviations of parts from the whole is the difference of both variances:
-    V_2 = e^2 (x - 1) for halves and V_4 = e^2 (x^2 - 1) for quarters. So x = V_4 / V_2 - 1, and e^2 = V_4 / (x^2 - 1) in the place
-    of the V_4 / 3 of independent members. One cell has a single difference of halves, a map has many: V is summed over its cells.
-
-    Parameters
-    ----------
-    deviations : ndarray (2,)
-        V_2 and V_4, at any scale; 0 where there are none, which gives 1.
-    """
-    halves, quarters = (float(one) for one in deviations)
-    if quarters <= 0.0:
-        return 1.0
-    x = min(max(quarters / halves - 1.0, INDEPENDENT), EVENEST) if halves > 0.0 else EVENEST
-    return SAFETY * math.sqrt((INDEPENDENT**2 - 1.0) / (x**2 - 1.0))
 
 
 def _has_net(attributes: Mapping[Any, Any], weights: np.ndarray, planned: int) -> bool:

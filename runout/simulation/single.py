@@ -134,8 +134,9 @@ def simulate(
     force_interval : float, optional
         Least time between two records of the forces on structures [s]; a 200th of ``end_time`` by default, 0 for every step.
     joint_conditions : sequence of mapping of str to float
-        Thresholds of two or more quantities each, such as ``{"thickness": 1.0, "speed": 2.0}`` in m and m/s; at most 24. The map
-        ``met_at_one_time`` has bit k where the flow reached all thresholds of condition k at one time.
+        Thresholds of two or more quantities each, such as ``{"thickness": 1.0, "speed": 2.0}`` in m and m/s, or the strength of a
+        house, ``{"house_force": 35.3e3, "house_height": 5.6}`` in N and m; at most 24. The map ``met_at_one_time`` has bit k where
+        the flow reached all thresholds of condition k at one time.
     probes : Probes, optional
         Points and cross-sections, in map coordinates, whose time series :attr:`runout.Result.probes` holds.
     progress : callable, optional
@@ -173,7 +174,9 @@ def simulate(
     def accept(extent: Extent) -> None:
         whole = with_births(extent, bed, masses, numerics, basal_friction or basal_friction_angle)
         whole = with_inflow(whole, inflows, numerics, end_time)
-        require_memory(expected_memory(whole, terrain.elevation.size, numerics, engine, named, basal_friction), engine, memory_gb)
+        cells, record = terrain.elevation.size, len(joint_conditions)
+        forecast = expected_memory(whole, cells, numerics, engine, named, basal_friction, conditions=record)
+        require_memory(forecast, engine, memory_gb)
 
     waiting: list[WaitingRelease] = []
     scene, particles = build_scene(

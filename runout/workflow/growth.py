@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.config.hazard import stated_conditions
-from runout.ensemble.design import member_table
+from runout.ensemble.design import member_table, nets_of
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import EnsembleReport, run_ensemble
 from runout.hazard.exceedance import aggregate, stated_thresholds
@@ -175,7 +175,8 @@ def measured(site: "Site", results: Path, members: "Sequence[Member]", valid: It
     """Size of an ensemble with the sampling error of the maps over its valid members."""
     having = set(valid)
     files = [member.file(results) for member in members if member.number in having]
-    estimator = Estimator.of(member_table(site.settings.ensemble, len(members)), files)
+    ensemble, count = site.settings.ensemble, len(members)
+    estimator = Estimator.of(member_table(ensemble, count), files, nets_of(ensemble, count))
     thresholds, joint = _asked(site)
     maps = aggregate(files, [1.0] * len(files), thresholds, [50.0], joint=joint, estimator=estimator)
     errors = [float(maps[name].max()) for name in maps.data_vars if str(name).endswith("_exceedance_rms_error")]

@@ -215,7 +215,8 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
         basal = has[1] or arguments["basal_friction_angle"]
         extent = with_births(extent, arguments.get("bed"), masses_of(arguments), numerics, basal)
         extent = with_inflow(extent, arguments.get("inflow", ()), numerics, arguments["end_time"])
-        found.append(expected_memory(extent, cells, numerics, engine, *has, host_bytes=_noted_bytes))
+        record = len(arguments.get("joint_conditions", ()))
+        found.append(expected_memory(extent, cells, numerics, engine, *has, host_bytes=_noted_bytes, conditions=record))
         raise _Fits
 
     arguments = site.member_arguments(member.parameters)

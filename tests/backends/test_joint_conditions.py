@@ -16,6 +16,7 @@ from runout.simulation.observers import PeakMaps, flow_fields
 TERRAIN = Terrain(np.tile(40.0 - 2.0 * np.arange(20), (14, 1)), (5.0, 5.0))
 THICKNESS = np.zeros(TERRAIN.shape)
 THICKNESS[5:9, 2:6] = 5.0
+HOUSE = {"house_force": 35.3e3, "house_height": 5.6}
 PAIR, TRIPLE = {"thickness": 1.0, "speed": 2.0}, {"thickness": 0.5, "speed": 3.0, "pressure": 2.5e4}
 RUN = {
     "terrain": TERRAIN,
@@ -54,6 +55,24 @@ def test_bits_are_those_of_conditions_reached_at_one_moment(flows, met):
     assert bits.sum() == met
 
 
+@pytest.mark.parametrize(
+    ("flows", "broken"),
+    [
+        ([(1.0, 1.96)], True),  # 2000 * 1.96^2 = 7.683 kPa against 35.3 / (1 * 4.6) = 7.674 kPa
+        ([(1.0, 1.95)], False),  # 7.605 kPa
+        ([(0.5, 2.0), (4.0, 1.4)], False),  # 8.0 against 13.843 kPa, then 3.92 against the least, 35.3 / 2.8^2 = 4.503 kPa
+        ([(4.0, 1.51)], True),  # 4.560 kPa
+        ([(0.5, 2.64)], True),  # 13.939 kPa
+    ],
+)
+def test_a_house_breaks_where_pressure_and_strength_meet_at_one_moment(flows, broken):
+    """In the third case the largest pressure of 8.0 kPa passes the strength at the largest thickness: at different moments."""
+    peaks = PeakMaps(scene(), 0.1, conditions=(HOUSE, PAIR))
+    for time, (thickness, speed) in enumerate(flows):
+        peaks.observe(float(time), column(thickness, speed))
+    assert int(peaks.maps()[MET][4, 7]) & 1 == broken
+
+
 def simulated(backend, **choices):
     """Result of a run."""
     if backend == "hash":
@@ -65,25 +84,37 @@ def simulated(backend, **choices):
 @pytest.mark.parametrize("backend", ["reference", "scan", "hash"])
 def test_the_record_is_that_of_all_observations_and_the_maps_keep_their_bits(backend, monkeypatch):
     """Thickness and speed of every observation, on the cells of the raster, give the same record; the other maps are the same."""
-    plain, observe, met = simulated(backend), PeakMaps.observe, np.zeros(TERRAIN.shape, bool)
+    plain, observe, met = simulated(backend), PeakMaps.observe, np.zeros((2, *TERRAIN.shape), bool)
 
     def noted(self, time, columns):
         observe(self, time, columns)
         depth = columns.depth_volume / TERRAIN.cell_area
-        met[columns.window] |= (depth >= PAIR["thickness"]) & (flow_fields(columns, self.scene.raster)[1] >= PAIR["speed"])
+        speed = flow_fields(columns, self.scene.raster)[1]
+        met[0, *columns.window] |= (depth >= PAIR["thickness"]) & (speed >= PAIR["speed"])
+        against = np.maximum(np.minimum(depth, 2.8), 1e-9)
+        strength = 35.3e3 / (against * (5.6 - against))
+        density = columns.mass / np.maximum(columns.volume, np.finfo(float).tiny)
+        met[1, *columns.window] |= (depth >= 0.1) & (density * speed**2 >= strength)
 
     monkeypatch.setattr(PeakMaps, "observe", noted)
-    result = simulated(backend, joint_conditions=[PAIR])
-    assert (result.maps[MET].values == met).all()
-    assert 0 < met.sum() < (result.fields["max_flow_thickness"] >= 1.0).sum()
-    assert json.loads(result.maps.attrs[ATTRIBUTE]) == [PAIR]
+    result = simulated(backend, joint_conditions=[PAIR, HOUSE])
+    assert (result.maps[MET].values == met[0] + 2.0 * met[1]).all()
+    assert 0 < met[0].sum() < (result.fields["max_flow_thickness"] >= 1.0).sum()
+    assert 0 < met[1].sum() < (result.fields["max_flow_thickness"] > 0.0).sum()
+    assert json.loads(result.maps.attrs[ATTRIBUTE]) == [PAIR, HOUSE]
     assert result.fields.keys() - plain.fields.keys() == {MET}
     for name, values in plain.fields.items():
         np.testing.assert_array_equal(result.fields[name], values, err_msg=name)
     assert ATTRIBUTE not in plain.maps.attrs
 
 
-@pytest.mark.parametrize("wrong", [{"thickness": 1.0}, {"thickness": 1.0, "deposit": 1.0}, {"thickness": 0.0, "speed": 1.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"thickness": 1.0}, {"thickness": 1.0, "deposit": 1.0}, {"thickness": 0.0, "speed": 1.0}, {"house_force": 1.0},
+        {**HOUSE, "speed": 1.0},
+    ],
+)  # fmt: skip
 def test_conditions_that_no_flow_reaches_at_one_time_are_refused(wrong):
     with pytest.raises(ConfigError, match="joint_conditions"):
         simulate(**RUN, joint_conditions=[wrong])

@@ -18,6 +18,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,23 +67,27 @@ def stacks(files: Sequence[Path], thresholds: Mapping[str, Sequence[float]]) -> 
             yield f"mean {name}", values
 
 
-def row_of(values: np.ndarray, size: int) -> dict[str, Any]:
+def row_of(values: np.ndarray, size: int, points: Any) -> dict[str, Any]:
     """Root mean square of stated, true and independent errors of the blocks of ``size`` members, over all cells reached.
 
     Parameters
     ----------
     values : ndarray (cells, members)
         In the order of the net.
+    size : int
+    points : NetPoints
+        Of all members.
     """
-    from runout.hazard.sampling import BLOCKS, Estimator, evenness
+    from runout.hazard.sampling import BLOCKS, Estimator
 
-    members, estimator, blocks = values.shape[1], Estimator(BLOCKS, ""), values.shape[1] // size
+    members, blocks = values.shape[1], values.shape[1] // size
     reached = values[values.max(axis=1) > 0]
     whole, part = reached.mean(axis=1, dtype=np.float64), 1.0 - size / members
     squares = np.zeros(3)
     for k in range(blocks):
-        block = reached[:, k * size : (k + 1) * size]
-        factor = evenness(estimator.deviations(block, np.arange(size), size))
+        in_net = slice(k * size, (k + 1) * size)
+        block, estimator = reached[:, in_net], Estimator(BLOCKS, "", replace(points, members=points.members[in_net]))
+        factor = estimator.factor(estimator.scatter(block, np.arange(size), size))
         stated_errors = factor * estimator.of_mean(block, np.arange(size), size)  # type: ignore[operator]
         mean = block.mean(axis=1, dtype=np.float64)
         variance = block.var(axis=1, dtype=np.float64) / size
@@ -100,10 +105,13 @@ def rows_of(site: Any, ensemble: Any, sizes: Sequence[int]) -> list[dict[str, An
 
     if len(ensemble.files) != len(ensemble.table):
         raise SystemExit(f"{site.name}: {ensemble.statement()}; the blocks would be no nets")
+    from runout.ensemble.design import nets_of
+
     files, rows = [ensemble.files[k] for k in sorted(ensemble.files)], []
+    points = nets_of(site.settings.ensemble, len(files))[""]
     for words, values in stacks(files, stated_thresholds(site.settings.hazard)):
         if values.any():
-            rows += [{"site": site.name, "map": words, **row_of(values, size)} for size in sizes if size < len(files)]
+            rows += [{"site": site.name, "map": words, **row_of(values, size, points)} for size in sizes if size < len(files)]
     return rows
 
 

@@ -12,6 +12,7 @@ from runout.errors import ConfigError
 from runout.hazard.danger import INTENSITY, LEVEL, DangerClasses
 from runout.hazard.exceedance import aggregate
 from runout.io import netcdf
+from runout.model.joint_conditions import key_of, to_record
 from runout.quantities import MET, peak_quantities
 
 PERIODS = (30, 100, 300)
@@ -113,6 +114,23 @@ def test_a_house_resists_thin_flows_and_never_counts_too_late():
     danger = DangerClasses(read_scheme("japan_house"), np.ones(1), 0.1)
     thickness, pressure = np.array([1, 1, 4, 4, 5.6, 0], np.float32), np.array([7670, 7680, 4500, 4510, 4510, 9e9], np.float32)
     assert danger.classes({"thickness": thickness, "pressure": pressure}).tolist() == [1, 2, 1, 2, 2, 0]
+
+
+def test_a_house_that_members_record_is_exact():
+    """0.5 m at 8 kPa, then 4 m at 3.9 kPa: the maxima pass the least strength of 4.5 kPa, no moment does; only the record knows."""
+    danger = DangerClasses(read_scheme("japan_house"), np.ones(1), 0.1)
+    values = {"thickness": np.array([4.0], np.float32), "pressure": np.array([8e3], np.float32)}
+    assert danger.classes(values).tolist() == [2]
+    remark, *others = danger.scheme.remarks(has_bed=False, places={})
+    assert "the largest pressure is compared with the strength at the largest thickness; its area is too large" in remark
+    assert not others
+    (condition,) = danger.scheme.conditions
+    assert to_record([condition]) == [{"house_force": 35300.0, "house_height": 5.6}]
+    exact = DangerClasses(danger.scheme, np.ones(1), 0.1, places={key_of(condition): 2})
+    assert exact.classes(values | {MET: np.array([3.0], np.float32)}).tolist() == [1]
+    assert exact.classes(values | {MET: np.array([4.0], np.float32)}).tolist() == [2]
+    assert exact.record()["remarks"] == []
+    assert "35.3 / (H (5.6 - H)) kPa or more at a thickness H in m at one time" in exact.record()["classes"][1]["text"]
 
 
 def test_individual_risk_is_rate_times_presence_times_vulnerability(tmp_path):

@@ -1,15 +1,18 @@
 import json
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_ensemble import MARKER, SHAPE, make_terrain, member_maps, write_member
+from synthetic_ensemble import MARKER, SHAPE, make_table, make_terrain, member_maps, write_member
 
 from runout.errors import StorageError
 from runout.hazard.exceedance import aggregate, effective_sample_size, normalised, weighted_percentiles
+from runout.hazard.members import Ensemble, members_file
 from runout.io import netcdf
+from runout.io.member_maps import MemberMaps
 from runout.model.joint_conditions import ATTRIBUTE, meets, to_record
 from runout.model.terrain import Terrain
 from runout.quantities import MET, QUANTITIES
@@ -212,6 +215,23 @@ def test_conditions_that_all_members_record_are_exact_and_others_bounded(tmp_pat
         met = [np.all([member_maps(n)[NAMES[q]] >= v for q, v in at_one_time(pair).items()], axis=0) for n in range(3)]
         np.testing.assert_allclose(maps["joint_exceedance_probability"].values[0][known], np.mean(met, axis=0)[known], atol=1e-6)
         assert maps["joint_condition"].values[0].endswith("members do not record it")
+
+
+def test_members_nc_has_the_record_of_members_with_the_same_conditions(tmp_path: Path) -> None:
+    pair, other = {"thickness": 0.7, "speed": 3.0}, {"thickness": 0.3, "speed": 2.0}
+    files = recorded_members(tmp_path, [[pair], [pair, other], [pair], []])
+    path = tmp_path / "members.nc"
+    ensemble = Ensemble(make_table(), dict(enumerate(files)), {4: "the time step"})
+    with ExitStack() as stack:
+        copy = stack.enter_context(members_file(ensemble, path, make_terrain(), {}))
+        for number, file in enumerate(files):
+            copy(number, stack.enter_context(MemberMaps(file)))
+    stacked, known = netcdf.read(path), np.isfinite(make_terrain().elevation)
+    assert json.loads(stacked.attrs[ATTRIBUTE]) == [pair]
+    for number in range(4):
+        expected = (member_maps(number)["max_flow_thickness"] >= 2.0) * (number in (0, 2))
+        np.testing.assert_array_equal(stacked[MET].values[number][known], expected[known])
+    assert stacked[MET].values[0].any()
 
 
 def test_a_condition_with_a_deposit_counts_its_flow_at_one_time_and_the_deposit_at_the_end() -> None:

@@ -13,6 +13,7 @@ from runout.forecast.memory import GIGABYTE, MemoryForecast, expected_extent, ex
 from runout.model.numerics import Numerics, Scheme
 from runout.release.inlet import mass_at
 from runout.release.sample import particles_per_axis
+from runout.simulation.observers import PeakMaps
 from runout.simulation.scenario import build_scene
 from runout.simulation.single import simulate
 
@@ -55,6 +56,33 @@ def test_forecast_agrees_with_what_the_scan_backend_holds(case, precision):
     assert extent.particles == pytest.approx(len(particles), rel=0.05)
     forecast = expected_memory(extent, terrain.elevation.size, Scheme(precision=precision))
     assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
+
+
+def test_forecast_counts_the_record_of_joint_conditions():
+    """On the host, with each backend: 8 bytes a cell of the raster and condition."""
+    terrain, release = valley(10.0, 4.0)
+    seen = []
+    scene, _ = build_scene(terrain, release, SAND, 20.0, Numerics(cell_size=10.0, particles_per_cell=8), accept=seen.append)
+    pairs = [{"thickness": 1.0, "speed": 2.0}, {"house_force": 35.3e3, "house_height": 5.6}]
+    for engine in (None, OnCard()):
+        without, record = (expected_memory(seen[0], terrain.elevation.size, Scheme(), engine, conditions=k) for k in (0, 2))
+        assert record.host - without.host == PeakMaps(scene, 0.1, conditions=tuple(pairs)).shares.nbytes
+        assert record.backend == without.backend
+
+
+def test_a_run_counts_its_joint_conditions(monkeypatch):
+    totals, pair = [], {"thickness": 1.0, "speed": 2.0}
+
+    def refuse(forecast, *_):
+        totals.append(forecast.total)
+        raise CapacityError("enough")
+
+    monkeypatch.setattr("runout.simulation.single.require_memory", refuse)
+    terrain, release = valley(10.0, 4.0)
+    for conditions in ([], [pair], [pair, {"thickness": 2.0, "speed": 1.0}]):
+        with pytest.raises(CapacityError, match="enough"):
+            simulate(terrain, release, SAND, basal_friction_angle=20.0, cell_size=10.0, end_time=1.0, joint_conditions=conditions)
+    assert np.diff(totals).tolist() == [8 * terrain.elevation.size] * 2
 
 
 def test_release_of_single_cells_between_the_places_that_are_looked_at_is_counted():
