@@ -67,5 +67,5 @@ def serve(parent):
         try:
             warm_up.warm_up()
             print(COMPILED, flush=True)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - the answer is the reason
             print(repr(error).replace("\n", " "), flush=True)

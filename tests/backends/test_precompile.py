@@ -19,6 +19,7 @@ from runout.model.particles import Particles
 
 IN_OWN_PROCESS = precompile._warm_up_elsewhere  # workers of pytest compile all variants in one process
 
+
 @pytest.mark.parametrize(
     ("precision", "index"), [(precision, index) for precision in ("float32", "float64") for index in ("sparse", "dense")]
 )
