@@ -18,15 +18,20 @@ def pytest_collection_finish(session):
 
 @pytest.fixture(scope="session", autouse=True)
 def one_process_where_workers_take_all_cores():
-    """One process compiles the kernels of scan, since two take a third more work: no core is left for others."""
+    """One process compiles the kernels of scan for all tests of a worker: no core is left for others."""
     if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")) < len(os.sched_getaffinity(0)):
         yield
         return
+    from kernel_compiler import KernelCompiler
+
     from runout.backends.scan import precompile
 
+    compiler = KernelCompiler(precompile._warm_up_elsewhere)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(precompile, "os", SimpleNamespace(**{**vars(os), "sched_getaffinity": lambda _: {0}}))
+        patch.setattr(precompile, "_warm_up_elsewhere", compiler)
         yield
+    compiler.end()
 
 
 @pytest.fixture(autouse=True)

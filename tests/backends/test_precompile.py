@@ -8,6 +8,7 @@ import threading
 from types import ModuleType
 
 import pytest
+from kernel_compiler import KernelCompiler
 from scenes import ROCK, SAND, box, plane, scene
 
 from runout.backends.compile import cache_root
@@ -15,6 +16,8 @@ from runout.backends.scan import ahead, precompile
 from runout.backends.scan.backend import PARTS, ScanBackend
 from runout.backends.scan.kernels import kernels_for
 from runout.model.particles import Particles
+
+IN_OWN_PROCESS = precompile._warm_up_elsewhere  # workers of pytest compile all variants in one process
 
 
 @pytest.mark.parametrize(
@@ -72,7 +75,7 @@ def test_what_is_compiled_is_not_another_tree_in_the_working_folder(monkeypatch,
     (tmp_path / "runout").mkdir()
     (tmp_path / "runout" / "__init__.py").write_text("raise SystemExit(3)")
     monkeypatch.chdir(tmp_path)
-    assert precompile._warm_up_elsewhere(scene(materials=(SAND,), precision="float32"), "plain")
+    assert IN_OWN_PROCESS(scene(materials=(SAND,), precision="float32"), "plain")
 
 
 def test_kernels_are_compiled_anew_for_other_sources_and_not_for_another_place_or_time(monkeypatch, tmp_path):
@@ -147,7 +150,7 @@ def test_a_process_that_fails_to_compile_is_said_with_its_reason(monkeypatch, ca
     monkeypatch.setattr(precompile.os, "sched_getaffinity", lambda _: {0, 1})
     monkeypatch.setattr(precompile.subprocess, "Popen", scripted)
     with caplog.at_level(logging.WARNING):
-        worked = precompile._warm_up_elsewhere(scene(materials=(SAND,), precision="float32"), "plain")
+        worked = IN_OWN_PROCESS(scene(materials=(SAND,), precision="float32"), "plain")
     assert worked == (broken == "warm_up_ahead")
     assert said in caplog.text
     assert "no room for code" in caplog.text
@@ -175,3 +178,18 @@ def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
     found.wait(note)
     assert not found.is_running
     assert fractions[-1] == 1.0
+
+
+def test_the_process_that_compiles_for_all_tests_leaves_what_it_cannot_do_to_others(monkeypatch, tmp_path):
+    """A job that fails, and a job for another cache."""
+    jobs = []
+    compiler = KernelCompiler(lambda a_scene, kind: jobs.append(kind) is None)
+    monkeypatch.setattr(precompile, "job_of", lambda *job: "no job")
+    try:
+        assert compiler("a scene", "first")
+        assert compiler.process.poll() is None
+        monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
+        assert compiler("a scene", "second")
+    finally:
+        compiler.end()
+    assert jobs == ["first", "second"]

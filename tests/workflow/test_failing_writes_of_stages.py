@@ -1,6 +1,7 @@
 """Each write of a stage fails in turn; the next run makes what an undisturbed one makes.
 
-RUNOUT_EVERY_WRITE=1 tries each write of the maps, of which the usual test takes some: a quarter of an hour.
+The usual test takes some writes of the maps, and of each stage where permission is missing, which differs from a full disk in
+the message alone. RUNOUT_EVERY_WRITE=1 tries each write: a quarter of an hour.
 """
 
 import os
@@ -37,7 +38,11 @@ def test_a_run_heals_whichever_write_of_a_stage_failed(finished_site, undisturbe
     counted = copy("counted")
     steps = number_of_writes(lambda: hazard_map.run(counted, stages=(stage,), workers=1, force=True))
     assert steps >= 6  # a folder and a rename for a product, and for the record before and after
-    chosen = range(1, steps + 1) if EVERY or stage != "hazard" else (1, 3, 4, steps // 2, steps - 2, steps)
+    chosen = range(1, steps + 1)
+    if not EVERY and fault == DENIED:
+        chosen = (1, steps // 2, steps)
+    elif not EVERY and stage == "hazard":
+        chosen = (1, 3, 4, steps // 2, steps - 2, steps)
     for failing in chosen:
         site = copy(str(failing))
         said = fails(lambda site=site: hazard_map.run(site, stages=(stage,), workers=1, force=True), failing, fault, StorageError)

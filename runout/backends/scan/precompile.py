@@ -73,9 +73,7 @@ def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
 
 def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
     """The same; the processes share their work in a folder."""
-    masses = (*_masses(scene), scene.precision, kind, folder, os.getpid())
-    job = base64.b64encode(pickle.dumps(masses)).decode()
-    environment = {**os.environ, WARM_UP: job, "PYTHONPATH": import_path(), "RUNOUT_CACHE": str(cache_root().parent)}
+    environment = {**environment_of_compilation(), WARM_UP: job_of(scene, kind, folder)}
     kernels = ("warm_up", "warm_up_ahead")[: len(os.sched_getaffinity(0))]
     commands = [python_command(f"from {__package__}.warm_up import {name}; {name}()") for name in kernels]
     with interrupts_kept():
@@ -86,6 +84,16 @@ def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
     if process.returncode:
         LOGGER.warning("compiling in a process of its own failed: %s; %s", _reason(said), IN_THIS_PROCESS)
     return process.returncode == 0
+
+
+def environment_of_compilation() -> dict[str, str]:
+    """Variables of a process that compiles into the cache of this one."""
+    return {**os.environ, "PYTHONPATH": import_path(), "RUNOUT_CACHE": str(cache_root().parent)}
+
+
+def job_of(scene: Scene, kind: str, folder: str) -> str:
+    """What a process that compiles reads: masses, precision and kind of a small scene, the folder, and its parent."""
+    return base64.b64encode(pickle.dumps((*_masses(scene), scene.precision, kind, folder, os.getpid()))).decode()
 
 
 def _masses(scene: Scene) -> tuple[tuple[Material, ...], tuple[BasalFriction, ...]]:
