@@ -52,17 +52,18 @@ Mean of the six: error of the length {empirical:.0%} by the slope of reach, {voe
 
 ## With an erodible bed
 
-Bed and law as `runout new --process debris_flow` writes them: {bed:g} m deep everywhere, law `ramms` with its default parameters. Voellmy
-friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs. The releases on the bed are smaller, because the bed
-adds to them. Each flow is predicted from the other five, as above.
+Bed and law as `runout new --process debris_flow` writes them: {bed:g} m deep everywhere, law `ramms` with its default parameters.
+Voellmy friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs. The releases on the bed are smaller,
+because the bed adds to them. Each flow is predicted from the other five, as above.
 
 {coarse_rows}
 
 - Mean of the six: CSI {rigid_csi:.2f} on rigid ground and {bed_csi:.2f} with the bed; error of the length {rigid_error:.0%} and
-  {bed_error:.0%}; {empirical:.0%} by the slope of reach. The best choice of each flow for itself: CSI {rigid_best:.2f} and {bed_best:.2f}.
+  {bed_error:.0%}, beside {empirical:.0%} by the slope of reach. The best choice of each flow for itself has a CSI of
+  {rigid_best:.2f} and {bed_best:.2f}.
 - {bed_verdict}
-- The flows take {least_taken:.0f} to {most_taken:.0f} m³ from the bed, {least_growth:.0f} to {most_growth:.0f} times the release. No
-  volume was observed, so that nothing tells whether that is true. A bed of the same depth lies on steep rock, too, where there is none.
+- The flows take {least_taken:.0f} to {most_taken:.0f} m³ from the bed, {least_growth:.0f} to {most_growth:.0f} times the release.
+  No volume was observed, so that nothing tells whether that is true. The bed lies on steep rock, too, where there is none.
 
 Data: runoptGPP (GPL-3), found below `RUNOUT_DATA`. {tables}. The runs with and beside the bed are those of {coarse_commit}.
 
