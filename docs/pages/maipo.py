@@ -7,12 +7,17 @@ import numpy as np
 
 from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
 from docs.pages.wording import COARSE, ENDING, HEADING
-from runout.studies.validation_cases.maipo import CELL_SIZE, REACHED
+from runout.studies.validation_cases.maipo import BED, CELL_SIZE, COARSE_CELL_SIZE, REACHED
 
 NAMES = {"voellmy": "Voellmy", "pore_pressure": "pore pressure"}
 HEADS = (
     *("flow", "length [m]", "area [ha]", "slope of reach", "length by that of the others [m]", "error"),
     *("Voellmy: length [m]", "error", "CSI", "pore pressure: length [m]", "error", "CSI"),
+)
+COARSE_NAMES = {"rigid": "rigid ground", "bed": "erodible bed"}
+COARSE_HEADS = (
+    *("flow", "rigid ground: length [m]", "error", "CSI", "erodible bed: length [m]", "error", "CSI", "release [m³]"),
+    *("taken from the bed [m³]",),
 )
 ALL_HEADS = ("family", "parameters", "flow", "length [m]", "error of the length", "CSI")
 OPENING = """# Six debris flows of the upper Maipo, each from the other five
@@ -29,7 +34,7 @@ Mean of the six: error of the length {empirical:.0%} by the slope of reach, {voe
 {wet_error:.0%} with pore pressure; CSI {voellmy_csi:.2f} and {wet_csi:.2f}. The best choice of each flow for itself has a CSI of
 {voellmy_best:.2f} and {wet_best:.2f} in the mean.
 
-![Length of the run-out, observed and predicted](maipo.png)
+![Length of the run-out, observed and predicted, and scores of the areas](maipo.png)
 
 - *Length*: along the path, from the source to the farthest cell that is reached, {reached:g} m thick or more. *CSI*: area reached
   in both over that in either, path and deposit. Cells of {cell:g} m, {runs} runs.
@@ -45,9 +50,26 @@ Mean of the six: error of the length {empirical:.0%} by the slope of reach, {voe
 - **The grid does not resolve these flows.** The channel is one or two cells of the terrain wide, and the flow less than one cell
   thick.
 
-Data: runoptGPP (GPL-3), found below `RUNOUT_DATA`. {tables}.
+## With an erodible bed
+
+Bed and law as `runout new --process debris_flow` writes them: {bed:g} m deep everywhere, law `ramms` with its default parameters.
+Voellmy friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs. The releases on the bed are smaller,
+because the bed adds to them. Each flow is predicted from the other five, as above.
+
+{coarse_rows}
+
+- Mean of the six: CSI {rigid_csi:.2f} on rigid ground and {bed_csi:.2f} with the bed; error of the length {rigid_error:.0%} and
+  {bed_error:.0%}, beside {empirical:.0%} by the slope of reach. The best choice of each flow for itself has a CSI of
+  {rigid_best:.2f} and {bed_best:.2f}.
+- {bed_verdict}
+- The flows take {least_taken:.0f} to {most_taken:.0f} m³ from the bed, {least_growth:.0f} to {most_growth:.0f} times the release.
+  No volume was observed, so that nothing tells whether that is true. The bed lies on steep rock, too, where there is none.
+
+Data: runoptGPP (GPL-3), found below `RUNOUT_DATA`. {tables}. The runs with and beside the bed are those of {coarse_commit}.
 
 """
+HELPS = "**The bed improves the areas**: the CSI of the flow that is left out rises in {better} of six flows."
+HARDLY = "**The bed does not improve the areas of flows that are left out**: the CSI rises in {better} of six flows."
 
 
 def page(record: Mapping[str, Any]) -> StudyPage:
@@ -72,6 +94,7 @@ def page(record: Mapping[str, Any]) -> StudyPage:
         small=_csi_of(families["voellmy"], "mu 0.1, xi 800 m/s2, 10000 m3"),
         large=_csi_of(families["voellmy"], "mu 0.1, xi 800 m/s2, 40000 m3"),
         slow=_csi_of(families["voellmy"], "mu 0.2, xi 200 m/s2, 40000 m3"),
+        **_coarse(results["coarse"]),
     )
     return StudyPage("maipo", OPENING + text + ending, tables, {"maipo.png": _figure(results)})
 
@@ -84,6 +107,42 @@ def _means(name: str, family: Mapping[str, Any]) -> dict[str, float]:
         f"{name}_csi": np.mean([row["csi"] for row in rows]),
         f"{name}_best": np.mean([row["best_csi"] for row in rows]),
     }
+
+
+def _coarse(families: Mapping[str, Any]) -> dict[str, Any]:
+    """Words and rows on the runs with and without a bed."""
+    rigid, bed = (_means(name, families[name]) for name in COARSE_NAMES)
+    better = sum(own["csi"] > other["csi"] for own, other in zip(*(families[n]["left_out"] for n in ("bed", "rigid")), strict=True))
+    volumes = np.array([_release(told) for told in families["bed"]["choices"]])
+    taken = np.array(families["bed"]["entrained"])
+    growth, helps = taken / volumes[:, None], bed["bed_csi"] >= rigid["rigid_csi"] + 0.02 and better > 3
+    return {
+        **rigid,
+        **bed,
+        "bed": BED,
+        "coarse_cell": COARSE_CELL_SIZE,
+        "coarse_runs": sum(np.size(family["csi"]) for family in families.values()),
+        "coarse_rows": markdown(COARSE_HEADS, [_coarse_row(number, families) for number in range(taken.shape[1])]),
+        "bed_verdict": (HELPS if helps else HARDLY).format(better=better),
+        "least_taken": taken.min(),
+        "most_taken": taken.max(),
+        "least_growth": growth.min(),
+        "most_growth": growth.max(),
+        "coarse_commit": families["bed"].get("version", "the record"),
+    }
+
+
+def _release(told: str) -> float:
+    """Volume [m3] of a choice in words."""
+    return float(told.split(" m3")[0].split()[-1])
+
+
+def _coarse_row(flow: int, families: Mapping[str, Any]) -> tuple[str, ...]:
+    rows = [families[name]["left_out"][flow] for name in COARSE_NAMES]
+    scores = ((f"{row['length']:.0f}", f"{round(row['length_error'], 2) + 0.0:+.0%}", f"{row['csi']:.2f}") for row in rows)
+    chosen = rows[1]["choice"]
+    release, taken = _release(families["bed"]["choices"][chosen]), families["bed"]["entrained"][chosen][flow]
+    return (str(flow + 1), *(cell for row in scores for cell in row), f"{release:.0f}", f"{taken:.0f}")
 
 
 def _ratio(family: Mapping[str, Any]) -> str:
@@ -108,9 +167,10 @@ def _row(number: int, flow: Mapping[str, Any], families: Mapping[str, Any]) -> t
 
 def _all(results: Mapping[str, Any]) -> list[Sequence[Any]]:
     """Rows of all runs."""
+    names = NAMES | COARSE_NAMES
     return [
-        (NAMES[name], choice, flow + 1, length, round(length / results["flows"][flow]["length"] - 1.0, 3), csi)
-        for name, family in results["families"].items()
+        (names[name], choice, flow + 1, length, round(length / results["flows"][flow]["length"] - 1.0, 3), csi)
+        for name, family in (results["families"] | results["coarse"]).items()
         for choice, lengths, indices in zip(family["choices"], family["lengths"], family["csi"], strict=True)
         for flow, (length, csi) in enumerate(zip(lengths, indices, strict=True))
     ]
@@ -119,8 +179,9 @@ def _all(results: Mapping[str, Any]) -> list[Sequence[Any]]:
 def _figure(results: Mapping[str, Any]) -> bytes:
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(6.0, 5.0), layout="constrained")
-    axes, observed = canvas.subplots(), [flow["length"] for flow in results["flows"]]
+    canvas = Figure(figsize=(9.0, 4.6), layout="constrained")
+    axes, areas = canvas.subplots(1, 2)
+    observed = [flow["length"] for flow in results["flows"]]
     longest = 1.35 * max(observed)
     axes.plot([0, longest], [0, longest], color="0.6", linewidth=1)
     axes.plot(observed, [flow["empirical"]["length"] for flow in results["flows"]], "k^", label="slope of reach of the others")
@@ -130,5 +191,17 @@ def _figure(results: Mapping[str, Any]) -> bytes:
     axes.set(
         xlabel="observed length [m]", ylabel="predicted length [m]", xlim=(1000, longest), ylim=(1000, longest), aspect="equal"
     )
-    axes.legend(loc="lower right", frameon=False)
+    axes.legend(loc="lower right", frameon=False, fontsize="small")
+    _draw_areas(areas, results)
     return as_png(canvas)
+
+
+def _draw_areas(axes: Any, results: Mapping[str, Any]) -> None:
+    """CSI of the flows that are left out, a bar for each family."""
+    names = NAMES | {name: f"{told}, {COARSE_CELL_SIZE:g} m" for name, told in COARSE_NAMES.items()}
+    families, width = results["families"] | results["coarse"], 0.2
+    for number, (name, color) in enumerate(zip(names, ("C0", "C1", "#9ecae1", "C2"), strict=True)):
+        csi = [row["csi"] for row in families[name]["left_out"]]
+        axes.bar([flow + (number - 1.5) * width for flow in range(1, len(csi) + 1)], csi, width, label=names[name], color=color)
+    axes.set(xlabel="flow", ylabel="CSI of the area, chosen by the others", ylim=(0, 0.8))
+    axes.legend(frameon=False, fontsize="small")

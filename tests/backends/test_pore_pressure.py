@@ -8,6 +8,7 @@ import pytest
 from scenes import SAND, assert_close_states, assert_same_numbers, engine_of, loaded, on_cpu
 
 from runout import Voellmy
+from runout.backends.scan import state
 from runout.backends.scan.backend import ScanBackend
 from runout.model.particles import Particles
 from runout.model.pore_pressure import PorePressure
@@ -183,15 +184,61 @@ def test_substeps_leave_what_remains_with_the_particles_as_single_steps_do():
     assert engine.counters.rebuilds > 0
 
 
-def test_a_ratio_takes_four_bytes_a_particle_where_all_start_alike():
-    scene = tilted(DRAINS, materials=(SAND,), precision="float32")
-    n = len(slab(scene, (6.0, 4.0, 1.0), 0.7))
-    held = {}
-    for ratio in (0.7, np.linspace(0.6, 0.7, n)):
-        engine = loaded(ScanBackend(1), scene, slab(scene, (6.0, 4.0, 1.0), ratio))
-        held[np.size(ratio)] = engine.memory()
-    assert held[1]["pore_left"] == 4 * n
-    assert (held[1]["pore_excess"], held[n]["pore_excess"]) == (4, 4 * n)
+def decaying(ratio=0.7, precision="float32"):
+    """One slab whose pressure decays in a time, with a ratio or one for each particle."""
+    scene = tilted(PorePressure(ratio=0.7, decay_time=0.7), materials=(SAND,), precision=precision, substeps=4)
+    return scene, slab(scene, (6.0, 4.0, 1.0), ratio)
+
+
+def test_a_ratio_takes_no_memory_of_particles_where_it_is_that_of_all():
+    """Excess and what remains of it: 4 bytes a particle each, 4 bytes in all where it is the same."""
+    n = len(decaying()[1])
+    ratios, held = np.linspace(0.6, 0.7, n), []
+    for pore, ratio in ((DRAINS, 0.7), (DRAINS, ratios), (None, 0.7), (None, ratios)):
+        scene, p = decaying(ratio)
+        memory = loaded(ScanBackend(1), replace(scene, pore_pressure=(pore,)) if pore else scene, p).memory()
+        held.append((memory["pore_left"], memory["pore_excess"]))
+    assert held == [(4 * n, 4), (4 * n, 4 * n), (4, 4), (4, 4 * n)]
+
+
+@pytest.mark.parametrize("ratio", ["one", "many"])
+def test_one_number_for_all_gives_the_bits_of_a_number_for_each(monkeypatch, ratio):
+    scene, p = decaying(0.7 if ratio == "one" else np.linspace(0.5, 0.7, len(decaying()[1])))
+    found = []
+    for shared in (True, False):
+        if not shared:
+            monkeypatch.setattr(state, "_drains_in_a_time", lambda pores: False)
+        engine = after(ScanBackend(1), scene, p, 10)
+        assert (len(engine.store.pore_left) == 1) == shared
+        found.append((engine.particles(), engine.ledger()))
+    assert_same_numbers(found[0][0], found[1][0])
+    assert_same_numbers(found[0][1], found[1][1])
+
+
+def test_particles_that_join_later_keep_their_own_part_of_the_excess():
+    scene, p = decaying()
+    engine = after(ScanBackend(1), scene, p, 4)
+    before = float(engine.store.pore_left[0])
+    more = slab(scene, (1.0, 1.0, 0.5), 0.3)
+    more.node[:, 2] += 6
+    more.identity += len(p)
+    engine.add(more)
+    found = engine.particles()
+    assert 0.0 < before < 1.0
+    np.testing.assert_array_equal(found.pore_left, np.where(np.arange(len(found)) < len(p), np.float32(before), 1.0))
+    np.testing.assert_array_equal(np.unique(found.pore_excess), np.unique(np.float32([0.3, 0.7])))
+    dt = 0.5 * engine.stable_step()
+    engine.step(dt, 4)
+    np.testing.assert_allclose(engine.particles().pore_left, found.pore_left * math.exp(-4.0 * dt / 0.7), rtol=1e-5)
+
+
+def test_one_number_for_all_goes_on_from_a_checkpoint_bit_by_bit():
+    engine, other = after(ScanBackend(1), *decaying(), 4), ScanBackend(1)
+    other.restore(decaying()[0], {key: np.array(values) for key, values in engine.checkpoint().items()})
+    for one in (engine, other):
+        one.step(0.9 * one.stable_step(), 4)
+    assert len(other.store.pore_left) == 1
+    assert_same_numbers(engine.particles(), other.particles())
 
 
 def test_dry_and_wet_releases_share_a_flow():

@@ -173,7 +173,7 @@ class ScanBackend:
         self.store = Store.of(capacity(end), end, n, self.scene)
         for part, chunk in slices(particles):
             self.store.put(rank[part], slot, chunk, self.scene)
-        self.store.share_numbers()
+        self.store.share_numbers(self.scene)
         self._rebuild(found)
         self.k.mark_slots(self.store.particles, self.index.blocks)
 
@@ -363,6 +363,7 @@ class ScanBackend:
             self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, columns, w.moves,
             t.domain, grid.wet_step(self.store, t, w), self.workers.buffers, substeps == 1,
         )  # fmt: skip
+        grid.advance_pores(self.store, t, w)
         if refused > 0:
             raise StabilityError(
                 f"a particle moved {step:.3g} cells in step {self.counters.steps} of {dt:.3g} s at {math.sqrt(speed2):.3g} m/s; "

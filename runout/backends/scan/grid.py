@@ -108,6 +108,7 @@ def substep(
     dissipated = run(workspace.schedule.early)
     if workspace.schedule.waits:
         run(workspace.schedule.late)
+    advance_pores(store, tables, workspace)
     return dissipated
 
 
@@ -122,7 +123,15 @@ def pores_of(store: Store, tables: Tables, workspace: Workspace) -> Pores | tupl
     """Pore pressure of the particles as kernels take it; empty in a dry scene."""
     if not workspace.layers or store.pore_left is None or store.pore_excess is None:
         return ()
-    return Pores(store.pore_left, store.pore_excess, tables.pores, workspace.layers.fading)
+    fading = workspace.layers.fading
+    return Pores(store.pore_left, store.pore_excess, tables.pores, fading, store.drains_alike(tables.pores))
+
+
+def advance_pores(store: Store, tables: Tables, workspace: Workspace) -> None:
+    """After a substep: advance what remains of the excess by two halves of it, where that is one number for all particles."""
+    if workspace.layers and store.pore_left is not None and store.drains_alike(tables.pores):
+        for _ in range(2):
+            store.pore_left *= workspace.layers.fading[0, 0, 0]
 
 
 def wet_step(store: Store, tables: Tables, workspace: Workspace) -> TimeStep:

@@ -4,13 +4,15 @@
     layers.areal[c, 16]          mass by area in plan of 16 columns of nodes of block column c
     layers.upward[b, 16]         upward part of the normal of the ground at the middle columns; changes with the tiles of the ground
       --middle column of each column of cells-->
-    layers.fading[b, r, 16]      share of the excess that is left after half a step, for release r in 16 columns of cells of block b
+    layers.fading[b, r, 16]      share of the excess left after half a step, for release r in 16 columns of cells of block b:
+                                 one block where no mass drains by the thickness of its layer: it is the same for all
     pores.left, pores.excess     by particle, which never moves: the part that remains; the excess at the start, one number if alike
       --fading-->
     share of the normal stress that grains carry, in the middle of a step: in contacts, and in the row EFFECTIVE of a tile
 
 A particle takes the layer at the middle one of the columns of nodes around it. The part that remains is advanced where the law of
-the particle is followed, at the end of each substep.
+the particle is followed, at the end of each substep. Particles of one release that decay in a time drain alike: one number is left
+for all, advanced after the substep (:func:`runout.backends.scan.grid.advance_pores`), until particles join with another one.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +25,7 @@ from runout.backends.scan.groups import Blocks
 from runout.backends.scan.node_columns import block_columns
 from runout.backends.scan.particles_to_grid import PLAN, heads
 from runout.backends.scan.stencil import ones, zeros
-from runout.backends.scan.tile import EFFECTIVE
+from runout.backends.scan.tile import EFFECTIVE, TILE
 from runout.model.scene import Scene
 from runout.physics.heightfield import normal_z, surface_at
 from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
@@ -37,20 +39,23 @@ class Pores(NamedTuple):
 
     Attributes
     ----------
-    left : (n,) real
-        The part of the excess that remains [1].
+    left : (n,) or (1,) real
+        The part of the excess that remains [1]; one number where all particles drain alike.
     excess : (n,) or (1,) real
         Ratio at the start over the one that stays [1]; one number where all particles have the same.
     records : (releases,) record
         Numbers of each release.
-    fading : (nown, releases, 16) real
+    fading : (nown, releases, 16) or (1, releases, 16) real
         Share of the excess that is left after half a step [1].
+    alike : bool
+        Whether all particles drain alike.
     """
 
     left: np.ndarray
     excess: np.ndarray
     records: np.ndarray
     fading: np.ndarray
+    alike: bool
 
 
 class Numbers(NamedTuple):
@@ -71,7 +76,7 @@ class Layers(NamedTuple):
         Node blocks column by column, and where those of each column begin.
     areal : (columns, 16) real
         Mass by area in plan of each column of nodes [kg/m2].
-    fading : (nown, releases, 16) real
+    fading : real
         As of :class:`Pores`.
     upward : (nown, 16) real
         Upward part of the normal of the ground [1] at the middle node above each column of the cells of a block; 1 without ground.
@@ -90,9 +95,15 @@ def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
     if not scene.is_wet:
         return ()
     _, column, start, order = block_columns(blocks)
-    areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((blocks.nown, len(scene.materials), PLAN))
+    fading_blocks = blocks.nown if diffuses(scene.pore_table()) else 1
+    areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((fading_blocks, len(scene.materials), PLAN))
     upward = np.ones((blocks.nown, PLAN), scene.dtype)
     return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype), upward)
+
+
+def diffuses(records: np.ndarray) -> bool:
+    """Whether any mass drains by the thickness of its layer."""
+    return bool((records["diffusion"] > 0.0).any())
 
 
 def _is_reached(reached, down, b):
@@ -152,27 +163,33 @@ def _areal_mass(layers, up, b, c):
 
 
 def _any_diffuses(records):
-    """Whether any mass drains by the thickness of its layer."""
-    diffuses = False
+    """:func:`diffuses`, in kernels."""
+    found = False
     for r in range(len(records)):
-        diffuses = diffuses or records[r].diffusion > 0.0
-    return diffuses
+        found = found or records[r].diffusion > 0.0
+    return found
+
+
+def _fade_everywhere(fading, records, dt):
+    """Fill how much of the excess is left after half a step of ``dt`` [s] by the times of decay alone."""
+    for r in range(len(records)):
+        share = remaining_share(real(1.0), real(0.5) * dt, records[r])
+        for c in range(PLAN):
+            fading[0, r, c] = share
 
 
 def thin_layers(blocks, reached, grid, layers, records, constants, dt):
     """Find how much of the excess pressure is left after half a step of ``dt`` [s] in each column of cells that holds particles."""
     fading = layers.fading
     h = constants.h
-    summed = len(layers.areal) if _any_diffuses(records) else 0
-    for k in prange(summed):
+    uneven = _any_diffuses(records)
+    if not uneven:
+        _fade_everywhere(fading, records, dt)
+    for k in prange(len(layers.areal) if uneven else 0):
         _sum_column(layers, reached, blocks.down, grid, np.int64(k), h[0] * h[1])
-    for b in prange(blocks.nown):
+    for b in prange(blocks.nown if uneven else 0):
         if blocks.held[b] > 0:
-            for r in range(len(records)):
-                share = remaining_share(real(1.0), real(0.5) * dt, records[r])
-                for c in range(PLAN):
-                    fading[b, r, c] = share  # of a decay; diffusion depends on the thickness
-            for c in range(PLAN if summed > 0 else 0):
+            for c in range(PLAN):
                 if blocks.starts[b, 4 * c + 4] > blocks.starts[b, 4 * c]:
                     mass = _areal_mass(layers, blocks.up, b, c)
                     for r in range(len(records)):
@@ -180,37 +197,72 @@ def thin_layers(blocks, reached, grid, layers, records, constants, dt):
                         fading[b, r, c] = remaining_share(thickness, real(0.5) * dt, records[r])
 
 
+def _column(fading, b, cell):
+    """Block and column of cells of the numbers of a particle in a cell of block ``b``."""
+    return b if len(fading) > 1 else 0, (np.int64(cell) & 63) >> 2
+
+
 def _effective(pores, label, w, b, cell):
-    """Share of the normal stress that the grains of particle ``w``, in a cell of block ``b``, carry in the middle of the step."""
+    """Share of the normal stress that the grains of particle ``w``, in a cell of block ``b``, carry in the middle of the step.
+
+    Then what remains of the excess in the middle of the step, and the share of it that is left after half a step.
+    """
     r = np.int64(label[w, 0]) if len(pores.records) > 1 else 0
     excess = pores.excess[w] if len(pores.excess) > 1 else pores.excess[0]
-    share = pores.fading[b, r, (np.int64(cell) & 63) >> 2]
-    return effective_share(excess, share * pores.left[w], pores.records[r]), share
+    place, column = _column(pores.fading, b, cell)
+    share = pores.fading[place, r, column]
+    half = share * pores.left[w if not pores.alike else 0]
+    return effective_share(excess, half, pores.records[r]), half, share
+
+
+def _effective_of_all(pores):
+    """Share of the normal stress that grains carry in the middle of the step, where all particles have the same pressure."""
+    return effective_share(pores.excess[0], pores.fading[0, 0, 0] * pores.left[0], pores.records[0])
 
 
 def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
-    """The same for ``n`` contacts from number ``q`` of block ``b`` on; returns block and number of the next one."""
+    """Fill the share of the normal stress that grains carry at ``n`` contacts from number ``q`` of block ``b`` on.
+
+    Returns block and number of the next contact.
+    """
     listed, first, touching = particles.listed, blocks.first, contacts.touching
+    if pores.alike and len(pores.excess) == 1:
+        for k in range(16):
+            effective[k] = _effective_of_all(pores)
+        return b, q
     for k in range(n):
         while q == touching[b]:
             b += 1
             q = 0
         p = np.int64(listed[first[b] + q])
         w = np.int64(particles.particle_index[p])
-        effective[k], _ = _effective(pores, particles.label, w, b, particles.cell[p])
+        effective[k] = _effective(pores, particles.label, w, b, particles.cell[p])[0]
         q += 1
     for k in range(n, 16):
         effective[k] = real(1.0)
     return b, q
 
 
-def _drain_alike(t, particles, pores, b, first, count):
+def _fill_alike(t, particles, pores, first, count):
+    """Fill the row EFFECTIVE of a tile of particles that drain alike."""
+    if len(pores.excess) == 1:
+        effective = _effective_of_all(pores)
+        for p in range(TILE):
+            t[EFFECTIVE, p] = effective
+    else:
+        half, pore = pores.fading[0, 0, 0] * pores.left[0], Numbers(pores.records[0].equilibrium, pores.records[0].closure)
+        for p in range(count):
+            t[EFFECTIVE, p] = effective_share(pores.excess[np.int64(particles.particle_index[first + p])], half, pore)
+
+
+def _drain_one_release(t, particles, pores, b, first, count):
     """As ``_drain_tile`` where all particles start alike: numbers that do not change stay in registers."""
     left, particle_index, cell = pores.left, particles.particle_index, particles.cell
     pore, excess = Numbers(pores.records[0].equilibrium, pores.records[0].closure), pores.excess[0]
     for p in range(count):
         w = np.int64(particle_index[first + p])
-        share = pores.fading[b, 0, (np.int64(cell[first + p]) & 63) >> 2]
+        place, column = _column(pores.fading, b, cell[first + p])
+        share = pores.fading[place, 0, column]
         half = share * left[w]
         t[EFFECTIVE, p] = effective_share(excess, half, pore)
         left[w] = share * half
@@ -219,12 +271,14 @@ def _drain_alike(t, particles, pores, b, first, count):
 def _drain_tile(t, particles, pores, b, first, count):
     """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
     left, particle_index, cell = pores.left, particles.particle_index, particles.cell
-    if len(pores.records) == 1 and len(pores.excess) == 1:
-        _drain_alike(t, particles, pores, b, first, count)
+    if pores.alike:
+        _fill_alike(t, particles, pores, first, count)
+    elif len(pores.records) == 1 and len(pores.excess) == 1:
+        _drain_one_release(t, particles, pores, b, first, count)
     else:
         for p in range(count):
             w = np.int64(particle_index[first + p])
-            t[EFFECTIVE, p], share = _effective(pores, particles.label, w, b, cell[first + p])
-            left[w] = share * share * left[w]
+            t[EFFECTIVE, p], half, share = _effective(pores, particles.label, w, b, cell[first + p])
+            left[w] = share * half
     for p in range(count, (count + 15) & ~15):
         t[EFFECTIVE, p] = real(1.0)

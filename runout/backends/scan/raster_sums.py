@@ -77,11 +77,9 @@ class Summed:
             np.repeat(block[:, d], held) + ((cell >> (4 - 2 * d)) & 3) + np.rint(rec[:, 4 + 4 * d]).astype(np.int64) for d in (0, 1)
         )
         release, ratio = p.label[index, 0], np.zeros(len(slot))
-        left, excess = self.store.pore_left, self.store.pore_excess
-        if left is not None and excess is not None:
-            table = self.scene.pore_table().view(np.recarray)[release]
-            excess = excess[index] if len(excess) > 1 else excess
-            ratio = array_binding().pore_pressure.pore_ratio(excess.astype(float), left[index].astype(float), table)
+        if self.store.pore_left is not None:
+            left, excess = (values.astype(float) for values in self.store.pores_at(index))
+            ratio = array_binding().pore_pressure.pore_ratio(excess, left, self.scene.pore_table().view(np.recarray)[release])
         return weighed((east, north), rec[:, 0].astype(float), release, ratio, len(self.scene.materials), first, shape)
 
     def _on_cells(self) -> tuple[np.ndarray, footprints.Lattice, float] | None:

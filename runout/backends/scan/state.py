@@ -19,6 +19,7 @@ import numpy as np
 
 from runout.backends.compile import numba_binding
 from runout.backends.scan import groups, records
+from runout.backends.scan.pore_pressure import diffuses
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
 
@@ -66,7 +67,7 @@ class Store:
         Step in which the gaps were closed, and ``end`` then.
     largest_radius : float
         [m]
-    pore_left, pore_excess : (particles,), or None
+    pore_left, pore_excess : (particles,), (1,) where all have the same, or None
         Pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene.
     """
 
@@ -113,20 +114,38 @@ class Store:
         self.radius = np.concatenate([self.radius, np.zeros(len(p), scene.dtype)])
         self.particles = old._replace(force=force, radius=self.radius, label=label)
         if self.pore_left is not None and self.pore_excess is not None:
-            excess = self.pore_excess if len(self.pore_excess) == loaded else np.repeat(self.pore_excess, loaded)
             none = np.zeros(len(p), scene.dtype)
-            self.pore_left, self.pore_excess = np.concatenate([self.pore_left, none]), np.concatenate([excess, none])
+            before = (_one_each(values, loaded) for values in (self.pore_left, self.pore_excess))
+            self.pore_left, self.pore_excess = (np.concatenate([values, none]) for values in before)
         by_index = np.zeros(total, np.int32)
         by_index[loaded:] = slots
         self.put(np.arange(loaded, total, dtype=np.int32), by_index, p, scene)
-        self.share_numbers()
+        self.share_numbers(scene)
         self.n += len(p)
 
-    def share_numbers(self) -> None:
-        """Once all particles are there: one number for all radii if they are the same, and for all excess pressures."""
+    def share_numbers(self, scene: Scene) -> None:
+        """Once all particles are there: one number for all radii, excess pressures and remaining parts that are the same.
+
+        Parts stay the same only where one release drains in a time, not by the thickness of its layer.
+        """
         self.particles = self.particles._replace(radius=_one_for_all(self.radius))
-        if self.pore_excess is not None:
+        if self.pore_left is not None and self.pore_excess is not None:
             self.pore_excess = _one_for_all(self.pore_excess).copy()
+            if _drains_in_a_time(scene.pore_table()):
+                self.pore_left = _one_for_all(self.pore_left).copy()
+
+    def pores_at(self, particle_index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Part that remains and excess at the start [1] of particles (n,), of a wet scene."""
+        assert self.pore_left is not None
+        assert self.pore_excess is not None
+        left, excess = (
+            v[particle_index] if len(v) > 1 else np.repeat(v, len(particle_index)) for v in (self.pore_left, self.pore_excess)
+        )
+        return left, excess
+
+    def drains_alike(self, pores: np.ndarray) -> bool:
+        """Whether one number is left of the excess pressure of all particles, by the records (releases,) of pore pressure."""
+        return self.pore_left is not None and len(self.pore_left) == 1 and _drains_in_a_time(pores)
 
     @property
     def slots(self) -> int:
@@ -177,6 +196,16 @@ def empty_slots(slots: int, scene: Scene) -> groups.Particles:
 def _one_for_all(values: np.ndarray) -> np.ndarray:
     """One number (1,) where all of (n,) are the same, else the numbers as they are."""
     return values[:1] if len(values) and (values == values[0]).all() else values
+
+
+def _one_each(values: np.ndarray, n: int) -> np.ndarray:
+    """Numbers (n,) of values (n,) or (1,)."""
+    return values if len(values) == n else np.repeat(values, n)
+
+
+def _drains_in_a_time(pores: np.ndarray) -> bool:
+    """Whether the records (releases,) of pore pressure are those of one release that does not drain by its thickness."""
+    return len(pores) == 1 and not diffuses(pores)
 
 
 def _slots(slots: int, width: tuple[int, ...], kind: Any) -> np.ndarray:

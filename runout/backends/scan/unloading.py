@@ -41,8 +41,6 @@ def _unload(found: Particles, where: np.ndarray, store: Store, slot: np.ndarray,
     found.strain[where], found.history[where], found.volume[where] = state[:, :6], state[:, 6], state[:, 7]
     found.radius[where] = store.radius[particle_index]
     found.ground_force[where] = store.ground_force(particle_index, steps)
-    if store.pore_left is not None and store.pore_excess is not None:
-        excess = store.pore_excess
-        found.pore_left[where] = store.pore_left[particle_index]
-        found.pore_excess[where] = excess[particle_index] if len(excess) > 1 else excess
+    if store.pore_left is not None:
+        found.pore_left[where], found.pore_excess[where] = store.pores_at(particle_index)
     found.release[where], found.identity[where] = slots.label[particle_index].T

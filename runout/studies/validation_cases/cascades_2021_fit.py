@@ -20,7 +20,8 @@ from runout.studies.validation_cases.case import on_all_processors
 
 CELL_SIZE = 5.0  # [m]
 MEMBERS, WIDER_MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 64, 128, 8
-SEED, WIDER_SEED = 2021, 48  # of the draws
+LAW_MEMBERS = 16  # of each other law of erosion
+SEED, WIDER_SEED, LAW_SEED = 2021, 48, 7  # of the draws
 SEVERAL = 8  # members whose mean is judged beside the best one
 HALVES = ([0, 2, 4], [1, 3, 5])  # reaches by number, from north to south
 BED_RATIOS = (0.0, 0.3, 0.5, 0.65, 0.8)  # pore pressure ratios of the bed [1]
@@ -39,6 +40,11 @@ WIDER_RANGES = RANGES | {
     "saturation": (0.0, 1.0),
     "basal_friction_deg": (20.0, 32.0),
     "bed_ratio": (0.2, 0.8),
+}
+_WITHOUT_LAW = {name: ends for name, ends in RANGES.items() if name != "depth_per_stress"}
+LAW_RANGES = {
+    "growth": _WITHOUT_LAW | {"log_growth_rate": (math.log(3.0e-4), math.log(3.0e-3))},  # [1/m]
+    "energy": _WITHOUT_LAW | {"log_specific_energy": (math.log(1.0e3), math.log(2.0e4))},  # [J/kg]
 }
 AUTOMATON_RANGES = {
     "critical_slope": (0.08, 0.25),
@@ -91,13 +97,12 @@ def _flow(event: Event, job: Job) -> tuple[np.ndarray, float]:
     decay_time, saturation = math.exp(numbers["log_decay_time"]), numbers.get("saturation", 0.0)
     pressure = runout.PorePressure(ratio=ratio, decay_time=decay_time, saturation=saturation)
     release = event.wet_release(pressure)
-    erosion = runout.RammsErosion(depth_per_stress=numbers["depth_per_stress"])
     result = runout.simulate(
         event.terrain,
         release,
         runout.DruckerPrager(density=DENSITY, friction_angle=32.0),
         basal_friction_angle=numbers["basal_friction_deg"],
-        bed=runout.Bed(numbers.get("bed_depth", BED), erosion, pore_pressure_ratio=numbers["bed_ratio"]),
+        bed=runout.Bed(numbers.get("bed_depth", BED), _erosion(numbers), pore_pressure_ratio=numbers["bed_ratio"]),
         bulking=numbers["bulking"],
         cell_size=CELL_SIZE,
         end_time=END,
@@ -106,6 +111,15 @@ def _flow(event: Event, job: Job) -> tuple[np.ndarray, float]:
     )
     entrained = float(result.ledger["entrained_mass"][-1]) / DENSITY
     return np.nan_to_num(result.maps["elevation_change"].values), entrained
+
+
+def _erosion(numbers: Mapping[str, float]) -> runout.Erosion:
+    """The law of erosion that the numbers of a job belong to."""
+    if "log_growth_rate" in numbers:
+        return runout.GrowthErosion(growth_rate=math.exp(numbers["log_growth_rate"]))
+    if "log_specific_energy" in numbers:
+        return runout.EnergyErosion(specific_energy=math.exp(numbers["log_specific_energy"]))
+    return runout.RammsErosion(depth_per_stress=numbers["depth_per_stress"])
 
 
 def _automaton(event: Event, job: Job) -> np.ndarray:
@@ -155,6 +169,8 @@ def measure(full: bool) -> dict[str, Any]:
         return {"members": [row], "lines": [f"  one member: CSI {row['csi']:.2f}, reach error {row['reach_error']:.0f} m3"]}
     members = on_all_processors(done, drawn("runout", RANGES, MEMBERS))
     wider = on_all_processors(done, drawn("runout", WIDER_RANGES, WIDER_MEMBERS, WIDER_SEED))
+    jobs = [job for ranges in LAW_RANGES.values() for job in drawn("runout", ranges, LAW_MEMBERS, LAW_SEED)]
+    laws = on_all_processors(done, jobs)
     automata = on_all_processors(done, drawn("landlab", AUTOMATON_RANGES, AUTOMATA))
     of_bed = [Job("runout", wet({"bed_ratio": ratio}), seed) for ratio in BED_RATIOS for seed in range(ARRANGEMENTS)]
     rows = on_all_processors(done, of_bed)
@@ -167,6 +183,7 @@ def measure(full: bool) -> dict[str, Any]:
         "observed": compared(event, event.observed),
         "runout": _summary(members) | {"halves": by_halves(members, observed)},
         "wider": _summary(wider) | {"halves": by_halves(wider, observed)},
+        "laws": _summary(laws) | {"halves": by_halves(laws, observed)},
         "landlab": _summary(automata) | {"halves": by_halves(automata, observed)},
         "bed_ratios": spread,
     }
@@ -174,7 +191,7 @@ def measure(full: bool) -> dict[str, Any]:
 
 
 def _lines(results: Mapping[str, Any]) -> list[str]:
-    rows = [(model, half) for model in ("runout", "wider", "landlab") for half in results[model]["halves"]]
+    rows = [(model, half) for model in ("runout", "wider", "laws", "landlab") for half in results[model]["halves"]]
     told = "  {}, fitted on reaches {}: error there {:.0f} m3, on the others {:.0f} m3"
     return [told.format(model, half["fitted"], half["error_fitted"], half["error"]) for model, half in rows]
 
