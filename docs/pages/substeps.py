@@ -47,7 +47,20 @@ by a fifth. On a GPU ({card}, float32, layers of `runout bench`), nanoseconds a 
 {gpu}
 
 On this CPU a substep costs what a step costs, within the spread of the runs. On this GPU a substep of 0.1 and 0.3 million
-particles costs at most what a step costs, one of 1 and 10 million 14 and 24 % more.
+particles costs at most what a step costs, one of 1 and 10 million 14 and 24 % more; those are times of an earlier commit.
+
+## Kernels of a transfer on a GPU
+
+A layer of {million} million particles, each kernel of a transfer of one and of four substeps, sorts left out. Bytes are read
+from and written to the memory of the device. *Before*: commit {kernels[commit_before]}.
+
+{by_kernel}
+
+A substep of four takes {of_four:.0f} µs ({before:.0f} before), a step {of_one:.0f} µs. The law in place (`strain_in_place`) takes a
+fifth longer than both transfers of a step, though it moves half of their bytes: the warps that share a multiprocessor are 16 % of
+the most that it holds, since the sums of 27 nodes lie in registers. `resume_nodes` was bound by loads one behind the other, which
+now start together. More blocks of `strain_in_place` share a multiprocessor, at the cost of a small spill. If half of the particles'
+impulses are held at once, it takes 21 % longer; with double the number, 2 %.
 
 ## Full table
 
@@ -57,11 +70,13 @@ particles costs at most what a step costs, one of 1 and 10 million 14 and 24 % m
 
     RUNOUT_DATA=DIR python -m tests.benchmarks.substeps OUT --backend hash --device cuda:0 --processes 8
     python tests/benchmarks/gpu_substeps.py --device cuda:0 --out gpu_substeps.json
+    python tests/benchmarks/gpu_kernels.py --device cuda:0 --out gpu_kernels.json
 
 Times of scan are those of the first command without a device. Copy the records to `tests/benchmarks/records/` (`substeps.json`
-holds the others under `gpu` and `scan`); `python -m docs.pages` then writes this page, its table and its figure.
+holds the others under `gpu`, `kernels` and `scan`); `python -m docs.pages` then writes this page, its table and its figure.
 
-Record: runout {runout}, commit {commit}, NumPy {numpy}. Times on the GPU: commit {gpu_commit}; times of scan: an earlier one.
+Record: runout {runout}, commit {commit}, NumPy {numpy}. Times on the GPU: commit {gpu_commit}, kernels {kernels[commit]}; times
+of scan: an earlier one.
 """
 
 
@@ -82,7 +97,9 @@ def page(record: Mapping[str, Any]) -> StudyPage:
         reference=record["reference"], errors=markdown(heads, errors), seeds=np.median(apart), most_seeds=max(apart),
         finest=", ".join(finest), work=_work_table(runs, coarse, numbers[1:]), scan=_scan(record["scan"]),
         gpu_commit=record["gpu"]["commit"], card=record["gpu"]["device"],
-        gpu=_gpu(record["gpu"]["records"]), table=download("substeps.csv", f"all {len(runs)} runs"),
+        gpu=_gpu(record["gpu"]["records"]), kernels=record["kernels"], million=f"{record['kernels']['particles'] / 1e6:.3g}",
+        by_kernel=_by_kernel(record["kernels"]), **_of_substeps(record["kernels"]),
+        table=download("substeps.csv", f"all {len(runs)} runs"),
         **{name: record["versions"][name] for name in ("runout", "commit", "numpy")},
     )  # fmt: skip
     names = ("site", "cell", "substeps", "seed", *ERRORS, "centre", "numerical", "particle_steps")
@@ -143,6 +160,35 @@ def _gpu(records: Sequence[Mapping[str, Any]]) -> str:
     columns = ("nanoseconds", ".3f"), ("bytes_a_particle", ".0f")
     rows = [(r["name"], *(format(r[name][number], how) for name, how in columns for number in "14")) for r in records]
     return markdown(("particles", "1 substep", "4 substeps", "bytes a particle, 1", "4"), rows)
+
+
+def _by_kernel(record: Mapping[str, Any]) -> str:
+    """Launches, time and bytes of each kernel of a transfer of one and of four substeps."""
+    one, four = ({r["kernel"]: r for r in record["records"][number]} for number in "14")
+    rows = []
+    for name, r in four.items():
+        alone = one.get(name)
+        single = (f"{alone['microseconds']:.0f}", _megabytes(alone)) if alone else ("", "")
+        before = f"{record['microseconds_before'][name]:.0f}"
+        rows.append(
+            (f"`{name}`", *single, f"{r['launches']:g}", before, f"{r['microseconds']:.0f}", _megabytes(r), f"{r['registers']:.0f}")
+        )
+    heads = ("kernel", "1 substep [µs]", "[MB]", "launches, 4 substeps", "before [µs]", "each [µs]", "[MB]", "registers")
+    return markdown(heads, rows)
+
+
+def _megabytes(kernel: Mapping[str, float]) -> str:
+    return f"{(kernel['bytes_read'] + kernel['bytes_written']) / 1e6:.0f}"
+
+
+def _of_substeps(record: Mapping[str, Any]) -> dict[str, float]:
+    """Time [µs] of a substep: the only one of a transfer, and of four, also before."""
+    four, before = record["records"]["4"], record["microseconds_before"]
+    return {
+        "of_one": sum(r["launches"] * r["microseconds"] for r in record["records"]["1"]),
+        "of_four": sum(r["launches"] * r["microseconds"] for r in four) / 4,
+        "before": sum(r["launches"] * before[r["kernel"]] for r in four) / 4,
+    }
 
 
 def _figure(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> bytes:

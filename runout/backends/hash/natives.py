@@ -243,8 +243,8 @@ def warp_lanes() -> int:  # type: ignore[empty-body]
 
 
 # Lanes of a warp that add to the same place, mostly those of one column of cells, add up first: one atomic operation serves them
-# all. This takes as long as a few atomic operations, so that fewer lanes than these add one by one. Whole numbers are added by parts
-# of 22, 22 and 20 bits, whose sums over a warp fit into 32.
+# all. This takes as long as a few atomic operations, so that fewer lanes than these add one by one. Whole numbers are added by
+# parts of 22, 22 and 20 bits, whose sums over a warp fit into 32.
 FEWEST_TOGETHER = 4  # with 2 a look at 4.6 million particles takes 2.5 ms, with 3, 4, 5 and 8: 2.0, 1.7, 2.0 and 3.0 ms (H200)
 ADD_WHOLES = f"""
 #if defined(__CUDA_ARCH__)
