@@ -17,6 +17,7 @@ Processes for Machine Learning, eq. 4.17 (Matérn), 5.9 (gradient), 2.45 (unknow
 """
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -77,7 +78,9 @@ def _inverse(covariance: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
     return inverse - np.outer(rows, rows) / rows.sum(), determinant
 
 
-def _covariance(a: np.ndarray, b: np.ndarray, lengths: np.ndarray, jumps: float) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+def _covariance(
+    a: np.ndarray, b: np.ndarray, lengths: Iterable[float], jumps: float
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Smooth part and part with jumps of the covariance of two sets of points, and their distances over the lengths."""
     distances = [np.abs(x[:, None] - y) / length for x, y, length in zip(a.T, b.T, lengths, strict=True)]
     smooth, total = np.ones((len(a), len(b))), np.zeros((len(a), len(b)))
@@ -93,6 +96,6 @@ def _slope(smooth: np.ndarray, rough: np.ndarray, distance: np.ndarray) -> np.nd
     return smooth * z * z * (1.0 + z) / (3.0 + 3.0 * z + z * z) + rough * distance
 
 
-def _mean_covariance(a: np.ndarray, b: np.ndarray, lengths: np.ndarray, jumps: float) -> float:
+def _mean_covariance(a: np.ndarray, b: np.ndarray, lengths: Iterable[float], jumps: float) -> float:
     parts = (_covariance(a[row : row + ROWS], b, lengths, jumps) for row in range(0, len(a), ROWS))
     return math.fsum(float(smooth.sum() + rough.sum()) for smooth, rough, _ in parts) / (len(a) * len(b))
