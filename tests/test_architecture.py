@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -66,13 +67,16 @@ def place(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def imported(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and top-level name of everything that a file imports."""
+@cache
+def imported(path: Path) -> list[tuple[int, str]]:
+    """Line and full name of every module that a file imports, or imports from."""
+    found: list[tuple[int, str]] = []
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name.split(".")[0]) for alias in node.names)
+            found += ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            yield node.lineno, (node.module or "").split(".")[0]
+            found.append((node.lineno, node.module or ""))
+    return found
 
 
 def functions(path: Path) -> Iterator[tuple[str, int]]:
@@ -174,7 +178,7 @@ def test_no_file_keeps_the_marks_of_a_merge():
 
 @pytest.mark.parametrize("compiler", HOMES)
 def test_compiler_is_imported_only_where_it_belongs(compiler):
-    strays = [f"{place(p)}:{line}" for p in SOURCES for line, name in imported(p) if name == compiler]
+    strays = [f"{place(p)}:{line}" for p in SOURCES for line, name in imported(p) if name.split(".")[0] == compiler]
     assert strays
     assert [s for s in strays if not s.startswith(HOMES[compiler])] == []
 
@@ -184,11 +188,10 @@ def test_only_get_backend_imports_a_backend():
     strays = []
     for path in SOURCES:
         home = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-        for node in ast.walk(ast.parse(path.read_text())):
-            module = node.module if isinstance(node, ast.ImportFrom) else None
-            own = any(home.startswith(b) and (module or "").startswith(b) for b in backends)
-            if module and module.startswith(tuple(backends)) and not own:
-                strays.append(f"{place(path)}:{node.lineno}: {module}")
+        for line, module in imported(path):
+            own = any(home.startswith(b) and module.startswith(b) for b in backends)
+            if module.startswith(tuple(backends)) and not own:
+                strays.append(f"{place(path)}:{line}: {module}")
     assert strays == []
 
 
@@ -245,7 +248,8 @@ def test_every_dependency_is_imported_and_every_import_is_a_dependency():
     stated = [*project["dependencies"], *extras]
     names = {re.match(r"[\w.-]+", line)[0] for line in stated} - NOT_IMPORTED
     modules = {IMPORT_NAMES.get(name, name) for name in names}
-    used = {COME_WITH.get(name, name) for path in SOURCES for _, name in imported(path)}
+    tops = {name.split(".")[0] for path in SOURCES for _, name in imported(path)}
+    used = {COME_WITH.get(name, name) for name in tops}
     assert modules == used - set(sys.stdlib_module_names) - {"runout", "pipelines", ""} - OF_QGIS
 
 
