@@ -55,9 +55,9 @@ FULL = """{halves}
   the weight) and frictions to 32 deg, {wider_count} members give errors of {wider_low:.0f} and {wider_high:.0f} m³. Members that
   fit one half to {wider_fitted:.0f} m³ or less place the rest of the mass in any of the other reaches: {wider_spread}.
 - **Another law of erosion brings one half below 12 000 m³, at the price of the areas**: {law_count} members, half with `growth`
-  (0.0003 to 0.003 per metre) and half with `energy` (1 to 20 kJ/kg), give errors of {law_low:.0f} and {law_high:.0f} m³ on the other
-  half, with a CSI of {law_csi:.2f} at most. Chosen: {law_chosen}. The ranges lie around the typical value and the default of the
-  laws. So few members do not rank the laws.
+  (0.0003 to 0.003 per metre) and half with `energy` (1 to 20 kJ/kg), give errors of {law_low:.0f} and {law_high:.0f} m³ on the
+  other half, with a CSI of {law_csi:.2f} at most. Chosen: {law_chosen}. The ranges lie around the typical value and the
+  default of the laws. So few members do not rank the laws.
 - **The automaton is the better fit here**, by reach as follows.
 
 Error by reach, modelled less observed net volume of the chosen members:

@@ -53,8 +53,9 @@ Mean of the six: error of the length {empirical:.0%} by the slope of reach, {voe
 ## With an erodible bed
 
 Bed and law as `runout new --process debris_flow` writes them: {bed:g} m deep everywhere, law `ramms` with its default parameters.
-Voellmy friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs: two pairs of friction numbers, those that
-fit best above. The releases on the bed are smaller, because the bed adds to them. Each flow is predicted from the other five, as above.
+Voellmy friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs: two pairs of friction numbers, those
+that fit best above. The releases on the bed are smaller, because the bed adds to them. Each flow is predicted from the other five,
+as above.
 
 {coarse_rows}
 
