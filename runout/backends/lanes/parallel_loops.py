@@ -49,7 +49,7 @@ def _call_share(typing: Any, function: Any, arguments: Any, begin: Any, end: Any
 
 
 def _divided(count: Any, function: Any, arguments: Any) -> None:
-    """Call a function for all indices below ``count``, in equal shares of the threads; threads are started for two shares or more."""
+    """Call a function for all indices below ``count``, in equal shares of the threads; no thread is started for one share."""
     shares = min(count, threads_in_use())
     if shares < 2:
         _call_share(function, arguments, 0, count)  # type: ignore[call-arg]
