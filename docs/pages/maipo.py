@@ -68,7 +68,7 @@ as above.
   No volume was observed, so that nothing tells whether that is true. The bed lies on steep rock, too, where there is none.
 
 Data: runoptGPP (GPL-3), found below `RUNOUT_DATA`. {tables}. The runs with and without the bed on cells of {coarse_cell:g} m are
-those of {coarse_commit}.
+those of {coarse_version}.
 
 """
 HELPS = "**The bed improves the areas**: the CSI of the flow that is left out rises in {better} of six flows."
@@ -135,7 +135,7 @@ def _coarse(families: Mapping[str, Any]) -> dict[str, Any]:
         "most_taken": taken.max(),
         "least_growth": growth.min(),
         "most_growth": growth.max(),
-        "coarse_commit": families["bed"].get("version", "the record"),
+        "coarse_version": f"runout {families['bed']['version']}" if "version" in families["bed"] else "this record",
     }
 
 
