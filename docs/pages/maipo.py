@@ -53,19 +53,22 @@ Mean of the six: error of the length {empirical:.0%} by the slope of reach, {voe
 ## With an erodible bed
 
 Bed and law as `runout new --process debris_flow` writes them: {bed:g} m deep everywhere, law `ramms` with its default parameters.
-Voellmy friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs. The releases on the bed are smaller,
-because the bed adds to them. Each flow is predicted from the other five, as above.
+Voellmy friction with and without this bed, on cells of {coarse_cell:g} m, {coarse_runs} runs: two pairs of friction numbers, those
+that fit best above. The releases on the bed are smaller, because the bed adds to them. Each flow is predicted from the other five,
+as above.
 
 {coarse_rows}
 
 - Mean of the six: CSI {rigid_csi:.2f} on rigid ground and {bed_csi:.2f} with the bed; error of the length {rigid_error:.0%} and
   {bed_error:.0%}, beside {empirical:.0%} by the slope of reach. The best choice of each flow for itself has a CSI of
   {rigid_best:.2f} and {bed_best:.2f}.
+- Mean CSI of all six, without choice: {each_friction}.
 - {bed_verdict}
 - The flows take {least_taken:.0f} to {most_taken:.0f} m³ from the bed, {least_growth:.0f} to {most_growth:.0f} times the release.
   No volume was observed, so that nothing tells whether that is true. The bed lies on steep rock, too, where there is none.
 
-Data: runoptGPP (GPL-3), found below `RUNOUT_DATA`. {tables}. The runs with and beside the bed are those of {coarse_commit}.
+Data: runoptGPP (GPL-3), found below `RUNOUT_DATA`. {tables}. The runs with and without the bed on cells of {coarse_cell:g} m are
+those of {coarse_version}.
 
 """
 HELPS = "**The bed improves the areas**: the CSI of the flow that is left out rises in {better} of six flows."
@@ -123,12 +126,16 @@ def _coarse(families: Mapping[str, Any]) -> dict[str, Any]:
         "coarse_cell": COARSE_CELL_SIZE,
         "coarse_runs": sum(np.size(family["csi"]) for family in families.values()),
         "coarse_rows": markdown(COARSE_HEADS, [_coarse_row(number, families) for number in range(taken.shape[1])]),
+        "each_friction": "; ".join(
+            f"{told.split(', bed')[0].rsplit(',', 1)[0]}: {np.mean(own):.2f} on rigid ground, {np.mean(other):.2f} with the bed"
+            for told, own, other in zip(families["bed"]["choices"], families["rigid"]["csi"], families["bed"]["csi"], strict=True)
+        ),
         "bed_verdict": (HELPS if helps else HARDLY).format(better=better),
         "least_taken": taken.min(),
         "most_taken": taken.max(),
         "least_growth": growth.min(),
         "most_growth": growth.max(),
-        "coarse_commit": families["bed"].get("version", "the record"),
+        "coarse_version": f"runout {families['bed']['version']}" if "version" in families["bed"] else "this record",
     }
 
 

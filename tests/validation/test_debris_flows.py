@@ -47,7 +47,10 @@ def test_halves_choose_on_one_half_and_judge_on_the_other():
     assert (second["fitted_several"], second["least_several"], second["most_several"]) == (21.0, 0.0, 7.0)
 
 
-@pytest.mark.parametrize("ranges", [cascades_2021_fit.RANGES, cascades_2021_fit.WIDER_RANGES])
+ALL_RANGES = [cascades_2021_fit.RANGES, cascades_2021_fit.WIDER_RANGES, *cascades_2021_fit.LAW_RANGES.values()]
+
+
+@pytest.mark.parametrize("ranges", ALL_RANGES)
 def test_numbers_are_drawn_within_their_ranges_and_cover_them(ranges):
     jobs = cascades_2021_fit.drawn("runout", ranges, 64)
     for name, (low, high) in ranges.items():
@@ -55,6 +58,36 @@ def test_numbers_are_drawn_within_their_ranges_and_cover_them(ranges):
         assert low <= values.min() < low + 0.1 * (high - low)
         assert high - 0.1 * (high - low) < values.max() <= high
     assert len({job.seed for job in jobs}) == 64
+
+
+@pytest.mark.parametrize(("law", "low", "high"), [("growth", 3e-4, 3e-3), ("energy", 1e3, 2e4)])
+def test_numbers_of_a_member_name_its_law_of_erosion(law, low, high):
+    for job in cascades_2021_fit.drawn("runout", cascades_2021_fit.LAW_RANGES[law], 4):
+        erosion = cascades_2021_fit._erosion(job.numbers)
+        assert erosion.law == law
+        assert low < (erosion.growth_rate if law == "growth" else erosion.specific_energy) < high
+    assert cascades_2021_fit._erosion(cascades_2021_fit.wet({})).law == "ramms"
+
+
+def test_a_flow_with_a_bed_is_judged_with_what_it_takes_from_it(monkeypatch):
+    """Runs of the Maipo on the coarse grid: scores made up from the numbers of each choice, in the order of flows and choices."""
+
+    def scores(function, jobs):
+        assert {cell_size for _, _, cell_size in jobs} == {maipo.COARSE_CELL_SIZE}
+        return [
+            {"csi": 0.1 * flow + choice.numbers[0], "length": 100.0 * flow, "entrained": choice.bed * 500.0}
+            for flow, choice, _ in jobs
+        ]
+
+    monkeypatch.setattr(maipo, "on_all_processors", scores)
+    families = maipo.coarse(np.array([100.0, 100.0, 200.0]))
+    assert "entrained" not in families["rigid"]
+    assert np.unique(families["bed"]["entrained"]).tolist() == [500.0 * maipo.BED]
+    assert all(choice.endswith("bed of 1 m") for choice in families["bed"]["choices"])
+    for family in families.values():
+        best = int(np.argmax(np.array(family["csi"])[:, 0]))
+        assert [row["choice"] for row in family["left_out"]] == [best] * 3
+        assert family["left_out"][1]["length_error"] == pytest.approx(0.0)
 
 
 def test_a_flow_of_the_maipo_stays_in_its_valley_and_reaches_the_floor(results):

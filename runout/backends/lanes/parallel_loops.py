@@ -49,9 +49,9 @@ def _call_share(typing: Any, function: Any, arguments: Any, begin: Any, end: Any
 
 
 def _divided(count: Any, function: Any, arguments: Any) -> None:
-    """Call a function for all indices below ``count``, in equal shares of the threads."""
+    """Call a function for all indices below ``count``, in equal shares of the threads; no thread is started for one share."""
     shares = min(count, threads_in_use())
-    if shares == 1:
+    if shares < 2:
         _call_share(function, arguments, 0, count)  # type: ignore[call-arg]
         return
     for k in prange(shares):

@@ -20,7 +20,7 @@ from runout.studies.validation_cases.case import on_all_processors
 
 CELL_SIZE = 5.0  # [m]
 MEMBERS, WIDER_MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 64, 128, 8
-LAW_MEMBERS = 16  # of each other law of erosion
+LAW_MEMBERS = 8  # of each other law of erosion
 SEED, WIDER_SEED, LAW_SEED = 2021, 48, 7  # of the draws
 SEVERAL = 8  # members whose mean is judged beside the best one
 HALVES = ([0, 2, 4], [1, 3, 5])  # reaches by number, from north to south

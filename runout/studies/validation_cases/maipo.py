@@ -31,9 +31,9 @@ WALL = 1.0e4  # [m] by which the terrain beside an outline is raised to find the
 BESIDE = 250.0  # [m]: cells farther from the path do not count for the length of the run-out
 VOELLMY = tuple(product((0.1, 0.2, 0.3, 0.4), (50.0, 200.0, 800.0)))  # mu [1], xi [m/s2]
 COARSE_CELL_SIZE = 12.5  # [m] of the runs with an erodible bed, and of those beside them
-COARSE_VOELLMY = tuple(product((0.1, 0.2, 0.4), (200.0, 800.0)))
+COARSE_VOELLMY = ((0.1, 800.0), (0.2, 800.0))  # mu [1], xi [m/s2]: the two that fit best on the finer grid
 BED = 1.0  # depth of the bed [m]; this and the default law of erosion are those of `runout new --process debris_flow`
-BED_VOLUMES = (2.5e3, 1.0e4)  # [m3] of the releases, to which the bed adds
+COARSE_VOLUME, BED_VOLUME = 4.0e4, 1.0e4  # [m3] of the releases on rigid ground, and on a bed that adds to them
 WET = tuple(product((0.0, 0.1, 0.2, 0.3, 0.4, 0.5), (60.0, 300.0)))  # pore pressure ratio at the start [1], decay time [s]
 
 
@@ -84,8 +84,8 @@ CHOICES = {
     "pore_pressure": tuple(Choice("pore_pressure", volume, numbers) for volume, numbers in product(VOLUMES, WET)),
 }
 COARSE_CHOICES = {
-    "rigid": tuple(Choice("voellmy", volume, numbers) for volume, numbers in product(VOLUMES, COARSE_VOELLMY)),
-    "bed": tuple(Choice("voellmy", volume, numbers, BED) for volume, numbers in product(BED_VOLUMES, COARSE_VOELLMY)),
+    "rigid": tuple(Choice("voellmy", COARSE_VOLUME, numbers) for numbers in COARSE_VOELLMY),
+    "bed": tuple(Choice("voellmy", BED_VOLUME, numbers, BED) for numbers in COARSE_VOELLMY),
 }
 
 
