@@ -172,11 +172,9 @@ def simulate(
     )  # fmt: skip
 
     def accept(extent: Extent) -> None:
-        whole = with_births(extent, bed, masses, numerics, basal_friction or basal_friction_angle)
-        whole = with_inflow(whole, inflows, numerics, end_time)
-        cells, record = terrain.elevation.size, len(joint_conditions)
-        forecast = expected_memory(whole, cells, numerics, engine, named, basal_friction, conditions=record)
-        require_memory(forecast, engine, memory_gb)
+        born = with_births(extent, bed, masses, numerics, basal_friction or basal_friction_angle)
+        whole, cells, record = with_inflow(born, inflows, numerics, end_time), terrain.elevation.size, len(joint_conditions)
+        require_memory(expected_memory(whole, cells, numerics, engine, named, basal_friction, conditions=record), engine, memory_gb)
 
     waiting: list[WaitingRelease] = []
     scene, particles = build_scene(
