@@ -19,59 +19,32 @@ MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
 
 
 class Flow(NamedTuple):
-    """Columns of the flow around n x m nodes of the bed.
+    """Columns of the flow around n x m nodes of the bed."""
 
-    Attributes
-    ----------
-    sums : (5, nx, ny)
-        Volume [m3], momentum (3) [kg m/s] and mass [kg] around nodes.
-    pore_ratio : (n, m) or empty
-        Pore pressure ratio [1] of the mass; empty: 0.
-    begin : (7,) int
-        Where the n x m nodes begin in ``sums`` and among the nodes of the bed, and node 0 of the bed in ``Ground.change``; m.
-    """
-
-    sums: np.ndarray
-    pore_ratio: np.ndarray
+    sums: np.ndarray  # (5, nx, ny): volume [m3], momentum (3) [kg m/s] and mass [kg] around nodes
+    pore_ratio: np.ndarray  # (n, m): pore pressure ratio [1] of the mass; empty: 0
+    # (7,): where the n x m nodes begin in ``sums`` and among the nodes of the bed, and node 0 of the bed in ``Ground.change``; m
     begin: np.ndarray
 
 
 class Ground(NamedTuple):
-    """The ground under the bed.
+    """The ground under the bed."""
 
-    Attributes
-    ----------
-    coefficients, change : arrays
-        Coefficients [m] at the nodes of the bed and one around, and what those of some nodes have more.
-    spacing, gravity : (2 or 3,), (3,)
-        [m], [m/s2].
-    """
-
+    # coefficients, change: coefficients [m] at the nodes of the bed and one around, and what those of some nodes have more
     coefficients: np.ndarray
     change: np.ndarray
+    # spacing, gravity (2 or 3,), (3,): [m], [m/s2]
     spacing: np.ndarray
     gravity: np.ndarray
 
 
 class Laws(NamedTuple):
-    """Laws of friction and erosion.
+    """Laws of friction and erosion."""
 
-    Attributes
-    ----------
-    basal : records
-        Of the law of friction.
-    rows : (n, m) int or empty
-        Record of friction of the mass at nodes of the bed; empty: the first.
-    bed : (1,) record
-        Of the law of erosion.
-    of_friction : int
-        1: tau is the friction of the flow, 0: the driving stress.
-    """
-
-    basal: np.ndarray
-    rows: np.ndarray
-    bed: np.ndarray
-    of_friction: int
+    basal: np.ndarray  # of the law of friction
+    rows: np.ndarray  # (n, m): record of friction of the mass at nodes of the bed; empty: the first
+    bed: np.ndarray  # (1,): of the law of erosion
+    of_friction: int  # 1: tau is the friction of the flow, 0: the driving stress
 
 
 class Depths(NamedTuple):
@@ -83,18 +56,10 @@ class Depths(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """What each row of nodes gets.
+    """What each row of nodes gets."""
 
-    Attributes
-    ----------
-    fastest : (n,)
-        The largest rate [m/s].
-    nodes : (n, 2) int
-        First node that was eroded, and the one after the last.
-    """
-
-    fastest: np.ndarray
-    nodes: np.ndarray
+    fastest: np.ndarray  # (n,): the largest rate [m/s]
+    nodes: np.ndarray  # (n, 2): first node that was eroded, and the one after the last
 
 
 def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed: Any):

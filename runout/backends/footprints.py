@@ -35,17 +35,10 @@ HALVES = 2  # cells of the lattice in a cell of the grid, along each axis
 
 @dataclass(frozen=True)
 class Footprint:
-    """Footprints of a size such that a number of particles share each place.
+    """Footprints of a size such that a number of particles share each place."""
 
-    Attributes
-    ----------
-    sharing : float
-        Number of particles that share each place.
-    widths : tuple of int
-        Squares [cells of the lattice] over which a box of one grid cell is smoothed, ascending; 1: not at all.
-    """
-
-    sharing: float
+    sharing: float  # number of particles that share each place
+    # squares [cells of the lattice] over which a box of one grid cell is smoothed, ascending; 1: not at all
     widths: tuple[int, ...]
 
     @property
@@ -67,21 +60,11 @@ FINER = 2  # times that a raster is finer than the lattice from which on maps ar
 
 @dataclass(frozen=True)
 class Lattice:
-    """A window of the plan lattice of half grid cells, whose cell (0, 0) lies north-east of the local origin.
+    """A window of the plan lattice of half grid cells, whose cell (0, 0) lies north-east of the local origin."""
 
-    Attributes
-    ----------
-    first : (int, int)
-        Its first cell, east and north; may be negative.
-    shape : (int, int)
-        Cells east and north.
-    cell : (float, float)
-        Size [m].
-    """
-
-    first: tuple[int, int]
-    shape: tuple[int, int]
-    cell: tuple[float, float]
+    first: tuple[int, int]  # its first cell, east and north; may be negative
+    shape: tuple[int, int]  # cells east and north
+    cell: tuple[float, float]  # size [m]
 
     @classmethod
     def around(cls, scene: Scene, low: np.ndarray, high: np.ndarray) -> "Lattice":

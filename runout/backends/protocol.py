@@ -302,10 +302,7 @@ class SceneBatch(Protocol):
 def get_batch(scenes: Sequence[tuple[Scene, ParticleSource]], device: str, more: int = 0) -> SceneBatch:
     """Batch of scenes on a device, with the backend hash, and with places for ``more`` particles that are expected to join.
 
-    Raises
-    ------
-    ConfigError, CapacityError
-        If scenes differ in settings that they must share, or need more memory than the device has.
+    Raises ConfigError or CapacityError if scenes differ in settings that they must share, or need more memory than the device has.
     """
     return import_module("runout.backends.hash.batch").Batch(scenes, device, more=more)  # type: ignore[no-any-return]
 
@@ -396,10 +393,7 @@ def bytes_on_device(
 def find_device(wanted: str) -> str:
     """Device with this name: "cpu", "cuda:N", or for "auto" the first CUDA device, else "cpu".
 
-    Raises
-    ------
-    DeviceError
-        If it does not exist; the message lists the devices of the machine.
+    Raises DeviceError if it does not exist; the message lists the devices of the machine.
     """
     if wanted == "cpu":
         return wanted

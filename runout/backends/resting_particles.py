@@ -261,10 +261,7 @@ def sample_particles(
 
     A ``surface`` on another lattice is resampled to the nodes of the grid.
 
-    Raises
-    ------
-    ConfigError
-        If ``particles_per_cell``, ``jitter``, ``seed`` or the number of materials is unusable.
+    Raises ConfigError if ``particles_per_cell``, ``jitter``, ``seed`` or the number of materials is unusable.
     """
     how = Sampling(spacing, particles_per_axis(particles_per_cell), seed, jitter)
     ground = surface if isinstance(surface, NodalSurface) else NodalSurface(surface, spacing[:2])

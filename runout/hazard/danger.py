@@ -34,35 +34,20 @@ SINGLE = 1e-6  # relative rounding of rates that files keep in single precision:
 
 @dataclass(frozen=True)
 class DangerClasses:
-    """Classes and levels of the cells.
-
-    Attributes
-    ----------
-    scheme : DangerScheme
-    rate : ndarray
-        Annual rate [1/a] of each member (members,).
-    arrival_threshold : float
-        Thickness from which the flow reaches a cell [m]: the lowest threshold of inundation.
-    has_bed : bool
-        Whether the members have an erodible bed.
-    places : mapping
-        Bits of the conditions that all members record at one time (:mod:`runout.model.joint_conditions`).
-    """
+    """Classes and levels of the cells."""
 
     scheme: DangerScheme
-    rate: np.ndarray
-    arrival_threshold: float
-    has_bed: bool = False
+    rate: np.ndarray  # annual rate [1/a] of each member (members,)
+    arrival_threshold: float  # thickness from which the flow reaches a cell [m]: the lowest threshold of inundation
+    has_bed: bool = False  # whether the members have an erodible bed
+    # bits of the conditions that all members record at one time (:mod:`runout.model.joint_conditions`)
     places: Mapping[Key, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, site: "Site", frequencies: Frequencies | None) -> "DangerClasses | None":
         """Classes of a site; None if it states no scheme.
 
-        Raises
-        ------
-        ConfigError
-            If the scheme cannot be read, or the members have no annual rates.
+        Raises ConfigError if the scheme cannot be read, or the members have no annual rates.
         """
         settings = site.settings.hazard
         if not settings.scheme:

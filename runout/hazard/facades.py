@@ -25,29 +25,16 @@ FACADE = ("structure_name", "facade_name", "facade_area")
 
 @dataclass
 class FacadeRecords:
-    """Maxima of each member and facade, gathered from the files of the members.
+    """Maxima of each member and facade, gathered from the files of the members."""
 
-    Attributes
-    ----------
-    facades : xarray.Dataset or None
-        Names and areas; None before the first member.
-    maxima : dict of str to list
-        Arrays (facades,) of the members in their order.
-    lengths : list of int
-        Records of each member.
-    """
-
-    facades: "xr.Dataset | None" = None
-    maxima: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    lengths: list[int] = field(default_factory=list)
+    facades: "xr.Dataset | None" = None  # names and areas; None before the first member
+    maxima: dict[str, list[np.ndarray]] = field(default_factory=dict)  # arrays (facades,) of the members in their order
+    lengths: list[int] = field(default_factory=list)  # records of each member
 
     def add(self, path: Path) -> None:
         """Add the member of a file.
 
-        Raises
-        ------
-        StorageError
-            If the file has no forces, or those of other facades.
+        Raises StorageError if the file has no forces, or those of other facades.
         """
         series = netcdf.read(path, GROUP)
         facades = series[list(FACADE)]

@@ -22,21 +22,11 @@ _VALUES = 2**20  # that are sorted at a time
 
 @dataclass(frozen=True)
 class Frequencies:
-    """Annual rates of the valid members.
+    """Annual rates of the valid members."""
 
-    Attributes
-    ----------
-    rate : ndarray
-        Rates (members,) of the valid members, in their order [1/a].
-    scenario : tuple of str
-        Name of the scenario of each.
-    scenario_rates : mapping of str to float
-        Rate of each scenario [1/a], the sum over its members.
-    """
-
-    rate: np.ndarray
-    scenario: tuple[str, ...]
-    scenario_rates: Mapping[str, float]
+    rate: np.ndarray  # rates (members,) of the valid members, in their order [1/a]
+    scenario: tuple[str, ...]  # name of the scenario of each
+    scenario_rates: Mapping[str, float]  # rate of each scenario [1/a], the sum over its members
 
     @classmethod
     def of(cls, table: "pd.DataFrame", valid: Collection[int]) -> "Frequencies | None":
@@ -69,10 +59,7 @@ def scenarios_of(table: "pd.DataFrame") -> np.ndarray:
 def shares(table: "pd.DataFrame", column: str, valid: Collection[int]) -> np.ndarray:
     """Values (members,) of a column of weights or rates of the ``valid`` members, which keep the sum of each scenario.
 
-    Raises
-    ------
-    PartialEnsembleError
-        If no member of a scenario is valid, so that its events would be missing in all maps.
+    Raises PartialEnsembleError if no member of a scenario is valid, so that its events would be missing in all maps.
     """
     values, names, counts = table[column].to_numpy(np.float64), scenarios_of(table), table.index.isin(list(valid))
     scaled = values.copy()

@@ -79,27 +79,13 @@ JOINT_KINDS = (*(f"exceedance_{kind}" for kind in _KINDS), "annual_exceedance")
 
 
 class MapLayer(NamedTuple):
-    """A map that becomes a raster of its own.
+    """A map that becomes a raster of its own."""
 
-    Attributes
-    ----------
-    stem : str
-        File name without suffix.
-    name : str
-        Variable of the products.
-    selection : dict of str to float
-        Coordinates of the variable that it shows.
-    group : str
-        Key of :data:`GROUPS`.
-    title : str
-        Words for a list of layers.
-    """
-
-    stem: str
-    name: str
-    selection: dict[str, float]
-    group: str
-    title: str
+    stem: str  # file name without suffix
+    name: str  # variable of the products
+    selection: dict[str, float]  # coordinates of the variable that it shows
+    group: str  # key of :data:`GROUPS`
+    title: str  # words for a list of layers
 
     @property
     def path(self) -> str:

@@ -33,24 +33,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Planned members of an ensemble, with the files of the valid ones and the reasons of the failed ones.
+    """Planned members of an ensemble, with the files of the valid ones and the reasons of the failed ones."""
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        One row a planned member, indexed by its number: sampled parameters, ``weight``, ``seed`` and ``file``.
-    files : mapping of int to Path
-        Files of the valid members.
-    failed : mapping of int to str
-        Reasons of the failed ones.
-    growth : str
-        How an ensemble with a tolerance found its size; empty for others.
-    """
-
-    table: "pd.DataFrame"
-    files: Mapping[int, Path]
-    failed: Mapping[int, str]
-    growth: str = ""
+    table: "pd.DataFrame"  # one row a planned member, indexed by its number: sampled parameters, ``weight``, ``seed`` and ``file``
+    files: Mapping[int, Path]  # files of the valid members
+    failed: Mapping[int, str]  # reasons of the failed ones
+    growth: str = ""  # how an ensemble with a tolerance found its size; empty for others
 
     @classmethod
     def of(cls, results: Path, table: "pd.DataFrame", states: Mapping[int, str] | None = None) -> "Ensemble":
@@ -59,10 +47,7 @@ class Ensemble:
         ``states`` says of each member "done", "failed" or "left"; a file of a member that is not done does not count. Without it
         the files decide. Reasons come from ``*.failed.json``.
 
-        Raises
-        ------
-        ValueError
-            If the table names no files.
+        Raises ValueError if the table names no files.
         """
         if "file" not in table:
             raise ValueError("the table of members names no files; make it with runout.ensemble.member.planned_table")
@@ -190,10 +175,7 @@ def members_file(
 
     Members that failed or have not run hold no values.
 
-    Raises
-    ------
-    StorageError
-        If a member's file cannot be read, the disk is full, or the folder cannot be written.
+    Raises StorageError if a member's file cannot be read, the disk is full, or the folder cannot be written.
     """
     import netCDF4
 

@@ -41,20 +41,11 @@ SCORED = ("thickness", "deposit")
 
 @dataclass
 class Observed:
-    """Scores and maps of a site with observations.
+    """Scores and maps of a site with observations."""
 
-    Attributes
-    ----------
-    record : dict
-        Entry ``observations`` of ``run.json``.
-    maps : dict of str to ndarray (rows, columns)
-        Maps for ``hazard.nc`` by their names in the table of variables.
-    reaches : dict of int to ReachErrors
-        Volumes by reach of each valid member; empty for a site without reaches.
-    """
-
-    record: dict[str, Any]
-    maps: dict[str, np.ndarray]
+    record: dict[str, Any]  # entry ``observations`` of ``run.json``
+    maps: dict[str, np.ndarray]  # maps for ``hazard.nc`` by their names in the table of variables
+    # volumes by reach of each valid member; empty for a site without reaches
     reaches: dict[int, ReachErrors] = field(default_factory=dict)
 
     def add_to(self, dataset: "xr.Dataset") -> None:
@@ -101,10 +92,7 @@ def scored(
     The ensemble is scored by the outlines that half of its weight reaches, its mean deposit and change, and the medians at the
     gauges.
 
-    Raises
-    ------
-    StorageError
-        If a member's file cannot be read.
+    Raises StorageError if a member's file cannot be read.
     """
     setting = _setting(observed, site, terrain, releases, results)
     means, members, reaches = _Means(), {}, {}

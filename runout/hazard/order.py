@@ -47,23 +47,12 @@ class CellValues:
     """Values of the members in some cells, none below 0; cells of which a value is NaN have no meaning.
 
     The members that have no values here count as ``absent``, the least or the largest possible value.
-
-    Parameters
-    ----------
-    values : ndarray (cells, members with values)
-        float32; sorted in place where the weights are equal.
-    members : ndarray (members with values,)
-        Their numbers.
-    weights : ndarray (members,)
-        Weights of all members; their sum is 1.
-    absent : float
-        0, or infinity for a time that never comes; then only :meth:`percentiles` has a meaning.
     """
 
-    values: np.ndarray
-    members: np.ndarray
-    weights: np.ndarray
-    absent: float = 0.0
+    values: np.ndarray  # (cells, members with values): float32; sorted in place where the weights are equal
+    members: np.ndarray  # (members with values,): their numbers
+    weights: np.ndarray  # (members,): weights of all members; their sum is 1
+    absent: float = 0.0  # 0, or infinity for a time that never comes; then only :meth:`percentiles` has a meaning
 
     def __post_init__(self) -> None:
         if self.alike:

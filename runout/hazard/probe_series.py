@@ -22,10 +22,7 @@ PERCENTILES = (5.0, 50.0, 95.0)
 def member_series(path: Path) -> "dict[str, xr.Dataset]":
     """Series of a member's file, by the names of their groups.
 
-    Raises
-    ------
-    StorageError
-        If the file holds none, or cannot be read.
+    Raises StorageError if the file holds none, or cannot be read.
     """
     groups = _groups(path)
     if not groups:

@@ -28,29 +28,14 @@ PIECES = 2  # values along the shorter side of a cell, at least
 
 @dataclass(frozen=True)
 class ProfileLine:
-    """Places along a line.
-
-    Attributes
-    ----------
-    name : str
-    distance : ndarray (n,)
-        Length along the line [m], from its first vertex to its last.
-    places : ndarray (n, 2)
-        Map coordinates [m].
-    cells : tuple of ndarray (n,)
-        Row and column of the raster.
-    ground : ndarray (n,)
-        Elevation [m], bilinear between the cell centres; NaN beside cells without elevation.
-    bed : ndarray (n,)
-        The same without the mass that is excavated; flow and deposit lie on it.
-    """
+    """Places along a line."""
 
     name: str
-    distance: np.ndarray
-    places: np.ndarray
-    cells: tuple[np.ndarray, np.ndarray]
-    ground: np.ndarray
-    bed: np.ndarray
+    distance: np.ndarray  # (n,): length along the line [m], from its first vertex to its last
+    places: np.ndarray  # (n, 2): map coordinates [m]
+    cells: tuple[np.ndarray, np.ndarray]  # row and column of the raster
+    ground: np.ndarray  # (n,): elevation [m], bilinear between the cell centres; NaN beside cells without elevation
+    bed: np.ndarray  # (n,): the same without the mass that is excavated; flow and deposit lie on it
 
     @classmethod
     def of(cls, line: CrossSection, terrain: Terrain, excavated: np.ndarray) -> "ProfileLine":

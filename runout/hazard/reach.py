@@ -22,28 +22,15 @@ ROUNDING = 1e-9  # of summed weights
 
 @dataclass(frozen=True)
 class Reach:
-    """Distance from the release, in the part of the raster that any member or the release covers.
+    """Distance from the release, in the part of the raster that any member or the release covers."""
 
-    Attributes
-    ----------
-    part : tuple of slice
-        Rows and columns of the raster.
-    easting, northing : ndarray (columns,), (rows,)
-        Cell centres of the part [m].
-    elevation : ndarray (rows, columns)
-        Elevation before the release [m].
-    released : ndarray (rows, columns) of bool
-        Cells of the release.
-    distance : ndarray (rows, columns)
-        Plan distance from the release [m].
-    """
-
-    part: tuple[slice, slice]
+    part: tuple[slice, slice]  # rows and columns of the raster
+    # easting, northing (columns,), (rows,): cell centres of the part [m]
     easting: np.ndarray
     northing: np.ndarray
-    elevation: np.ndarray
-    released: np.ndarray
-    distance: np.ndarray
+    elevation: np.ndarray  # (rows, columns): elevation before the release [m]
+    released: np.ndarray  # (rows, columns) of bool: cells of the release
+    distance: np.ndarray  # (rows, columns): plan distance from the release [m]
 
     @classmethod
     def of(cls, hazard: "xr.Dataset") -> "Reach":

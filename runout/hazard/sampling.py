@@ -48,20 +48,11 @@ class Estimator:
     ----------
     Owen A.B. (1997), Ann. Stat. 25, 1541 (scrambled nets); L'Ecuyer P., Lemieux C. (2002), in Modeling Uncertainty, Kluwer, 419
     (errors from the spread of randomised nets; here the nets are blocks of one).
-
-    Attributes
-    ----------
-    blocks : int
-        Number of blocks; 0: the error of independent members.
-    reason : str
-        Why there are no blocks.
-    points : NetPoints, optional
-        Points of the net; without them the spread over blocks alone is the error.
     """
 
-    blocks: int = 0
-    reason: str = "the members are not known to be a Sobol net"
-    points: NetPoints | None = None
+    blocks: int = 0  # number of blocks; 0: the error of independent members
+    reason: str = "the members are not known to be a Sobol net"  # why there are no blocks
+    points: NetPoints | None = None  # points of the net; without them the spread over blocks alone is the error
 
     @classmethod
     def of(cls, table: "pd.DataFrame", valid: Collection[Any], nets: Mapping[str, NetPoints] = NO_NETS) -> "Estimator | Strata":
@@ -147,29 +138,14 @@ class Strata:
     References
     ----------
     Cochran W.G. (1977), Sampling Techniques, 3rd ed., eq. 5.7 (variance of a stratified estimate).
-
-    Attributes
-    ----------
-    names : tuple of str
-        Scenarios.
-    places : tuple of ndarray
-        Places of the members of each among the valid ones.
-    weights : ndarray (members,)
-        Weights of the valid members, of sum 1.
-    blocks : tuple of int
-        Blocks of the net of each scenario; 0: its members count as independent.
-    points : tuple of NetPoints
-        Points of the net of each scenario; none without them.
-    reason : str
-        Empty: the statement names the scenarios without blocks.
     """
 
-    names: tuple[str, ...]
-    places: tuple[np.ndarray, ...]
-    weights: np.ndarray
-    blocks: tuple[int, ...]
-    points: tuple[NetPoints, ...] = ()
-    reason: str = ""
+    names: tuple[str, ...]  # scenarios
+    places: tuple[np.ndarray, ...]  # places of the members of each among the valid ones
+    weights: np.ndarray  # (members,): weights of the valid members, of sum 1
+    blocks: tuple[int, ...]  # blocks of the net of each scenario; 0: its members count as independent
+    points: tuple[NetPoints, ...] = ()  # points of the net of each scenario; none without them
+    reason: str = ""  # empty: the statement names the scenarios without blocks
 
     @classmethod
     def of(cls, table: "pd.DataFrame", valid: Collection[int], nets: Mapping[str, NetPoints] = NO_NETS) -> "Strata":

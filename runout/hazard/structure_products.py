@@ -25,21 +25,12 @@ LAYERS = {"structures": "MultiPolygon", "facades": "MultiLineString"}
 
 @dataclass(frozen=True)
 class StructureProducts:
-    """What was written for structures; empty for a site without any.
+    """What was written for structures; empty for a site without any."""
 
-    Attributes
-    ----------
-    paths : tuple of Path
-        Files.
-    layers : mapping of str to (str, list of dict)
-        Further layers of ``outlines.gpkg``: type of geometry, and rows with ``geometry``.
-    changes : tuple of str
-        What was changed or assumed of the structures.
-    """
-
-    paths: tuple[Path, ...] = ()
+    paths: tuple[Path, ...] = ()  # files
+    # further layers of ``outlines.gpkg``: type of geometry, and rows with ``geometry``
     layers: Mapping[str, tuple[str, list[dict[str, Any]]]] = field(default_factory=dict)
-    changes: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()  # what was changed or assumed of the structures
 
 
 def write_structures(
@@ -47,12 +38,8 @@ def write_structures(
 ) -> StructureProducts:
     """Write ``structures.nc`` of a site with structures, after an older one was removed.
 
-    Raises
-    ------
-    StorageError
-        If a member's file has no forces, or the file cannot be written.
-    StructureError, ReleaseError
-        If structures or protected areas cannot be used.
+    Raises StorageError if a member's file has no forces, or the file cannot be written. Raises StructureError or ReleaseError if
+    structures or protected areas cannot be used.
     """
     path = results / FILE
     bodies = site.files.bodies() if may_hold_bodies(site.settings) else None

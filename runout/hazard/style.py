@@ -20,25 +20,16 @@ _LINEAR = 4.0  # ratio of the largest value to the last threshold from which ste
 
 @dataclass(frozen=True)
 class MapClasses:
-    """Classes of a map as a legend has them.
+    """Classes of a map as a legend has them."""
 
-    Parameters
-    ----------
-    edges : tuple of float
-        Lower edge of each class, ascending, in the printed unit; a value on an edge belongs to the class above it.
-    colours, labels : tuple of str
-        Hexadecimal colour and words of each class.
-    kind : str
-        NUMBERS, where each edge is the number of a class; STEPS; or MIXED, where colours are mixed between the edges.
-    nothing : str
-        Words of the value 0, which is transparent; empty if 0 is a value like any other.
-    """
-
+    # lower edge of each class, ascending, in the printed unit; a value on an edge belongs to the class above it
     edges: tuple[float, ...]
+    # colours, labels: hexadecimal colour and words of each class
     colours: tuple[str, ...]
     labels: tuple[str, ...]
+    # NUMBERS, where each edge is the number of a class; STEPS; or MIXED, where colours are mixed between the edges
     kind: str = STEPS
-    nothing: str = ""
+    nothing: str = ""  # words of the value 0, which is transparent; empty if 0 is a value like any other
 
     @classmethod
     def of(cls, edges: Sequence[float], unit: str, name: str) -> "MapClasses":

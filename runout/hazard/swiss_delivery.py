@@ -43,24 +43,12 @@ PARAMETERS = {"par_debris_flow_depth": ("thickness", "df_h", "m"), "par_debris_f
 
 @dataclass(frozen=True)
 class Delivery:
-    """What a delivery states beside the maps.
+    """What a delivery states beside the maps."""
 
-    Attributes
-    ----------
-    canton : str
-        Two letters of the canton that is responsible for the data.
-    process : str
-        One of :data:`MAIN_PROCESS`.
-    source : str
-        Name of the source of the process, at most 50 characters.
-    term : str
-        Word of the canton for the process; by default ``process``.
-    """
-
-    canton: str
-    process: str
-    source: str
-    term: str = ""
+    canton: str  # two letters of the canton that is responsible for the data
+    process: str  # one of :data:`MAIN_PROCESS`
+    source: str  # name of the source of the process, at most 50 characters
+    term: str = ""  # word of the canton for the process; by default ``process``
 
     def __post_init__(self) -> None:
         if self.canton not in CANTONS:
@@ -75,12 +63,8 @@ class Delivery:
 def write_delivery(hazard: "xr.Dataset", delivery: Delivery, path: Path) -> Path:
     """Path of the GeoPackage, after writing its layers from hazard maps.
 
-    Raises
-    ------
-    ConfigError
-        If the maps have no classes, their classes are not those of a Swiss scheme, or their system is not LV95 (EPSG:2056).
-    StorageError
-        If it cannot be written.
+    Raises ConfigError if the maps have no classes, their classes are not those of a Swiss scheme, or their system is not LV95
+    (EPSG:2056). Raises StorageError if it cannot be written.
     """
     terrain = _terrain(hazard)
     if INTENSITY not in hazard:

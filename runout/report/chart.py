@@ -17,26 +17,16 @@ MOST_PLACES = 120  # of a line; longer ones are thinned out
 
 @dataclass
 class Chart:
-    """A chart to which lines, areas and points are added in the order of drawing.
+    """A chart to which lines, areas and points are added in the order of drawing."""
 
-    Parameters
-    ----------
-    across, up : str
-        Labels of the axes, with units.
-    x, y : tuple of float
-        Ranges of the axes.
-    height : float
-        Of the picture, which is 440 wide.
-    names : sequence of (float, str)
-        Ticks of the horizontal axis in place of round numbers.
-    """
-
+    # across, up: labels of the axes, with units
     across: str
     up: str
+    # x, y: ranges of the axes
     x: tuple[float, float]
     y: tuple[float, float]
-    height: float = 250.0
-    names: Sequence[tuple[float, str]] = ()
+    height: float = 250.0  # of the picture, which is 440 wide
+    names: Sequence[tuple[float, str]] = ()  # ticks of the horizontal axis in place of round numbers
     parts: list[str] = field(default_factory=list)
     legend: list[tuple[str, str]] = field(default_factory=list)
 

@@ -23,24 +23,12 @@ FEWEST_RANKED = 8  # members from which on correlations are stated
 
 @dataclass(frozen=True)
 class Part:
-    """What one source leaves open of the run-out.
+    """What one source leaves open of the run-out."""
 
-    Attributes
-    ----------
-    source : str
-        :data:`PARAMETERS`, :data:`GRID` or :data:`MEMBERS`.
-    share : float or None
-        Bar that holds 9 of 10 cases, over the median run-out [1]; None where it is not known.
-    basis : str
-        How it is known, or why it is not.
-    remedy : str
-        What reduces it.
-    """
-
-    source: str
-    share: float | None
-    basis: str
-    remedy: str
+    source: str  # :data:`PARAMETERS`, :data:`GRID` or :data:`MEMBERS`
+    share: float | None  # bar that holds 9 of 10 cases, over the median run-out [1]; None where it is not known
+    basis: str  # how it is known, or why it is not
+    remedy: str  # what reduces it
 
     def row(self) -> tuple[str, str, str, str]:
         """Source, bar, basis and remedy as text."""

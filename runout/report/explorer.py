@@ -32,18 +32,10 @@ BUNDLES = ("bokeh.min.js", "bokeh-api.min.js")
 
 @dataclass(frozen=True)
 class Explorer:
-    """Parts of a page.
+    """Parts of a page."""
 
-    Attributes
-    ----------
-    head : str
-        Scripts and styles, for the end of ``<head>`` or of ``<body>``.
-    body : str
-        What stands where the map is.
-    """
-
-    head: str
-    body: str
+    head: str  # scripts and styles, for the end of ``<head>`` or of ``<body>``
+    body: str  # what stands where the map is
 
 
 def explorer(study: Study, settings: Mapping[str, Any], folder: Path | None = None) -> Explorer:

@@ -75,35 +75,18 @@ class Grid:
 
 @dataclass(frozen=True)
 class Family:
-    """A map with its levels: thresholds, percentiles, return periods or members.
+    """A map with its levels: thresholds, percentiles, return periods or members."""
 
-    Attributes
-    ----------
-    name : str
-        Variable of ``hazard.nc`` or of a member.
-    group, title, unit : str
-        Heading in the list of maps, name and printed unit.
-    choice : str
-        What the levels are; empty for one level.
-    levels : list of str
-        Words of the levels.
-    values : ndarray (levels, rows, columns)
-        In the printed unit; NaN where there is none.
-    classes : MapClasses
-        Those of the QGIS style.
-    step : float
-        Distance of two codes in the printed unit.
-    """
-
-    name: str
+    name: str  # variable of ``hazard.nc`` or of a member
+    # group, title, unit: heading in the list of maps, name and printed unit
     group: str
     title: str
     unit: str
-    choice: str
-    levels: list[str]
-    values: np.ndarray
-    classes: MapClasses
-    step: float
+    choice: str  # what the levels are; empty for one level
+    levels: list[str]  # words of the levels
+    values: np.ndarray  # (levels, rows, columns): in the printed unit; NaN where there is none
+    classes: MapClasses  # those of the QGIS style
+    step: float  # distance of two codes in the printed unit
 
     @property
     def low(self) -> float:

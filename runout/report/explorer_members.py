@@ -30,21 +30,11 @@ TRIALS = 6
 
 @dataclass(frozen=True)
 class MemberLayers:
-    """Maps of the members.
+    """Maps of the members."""
 
-    Attributes
-    ----------
-    families : list of Family
-        Levels are the valid members, or the snapshots of one.
-    grid : Grid
-        The finest whose maps fit in :data:`BUDGET`.
-    parameters : list of str
-        Sampled parameters of each valid member.
-    """
-
-    families: list[Family]
-    grid: Grid
-    parameters: list[str]
+    families: list[Family]  # levels are the valid members, or the snapshots of one
+    grid: Grid  # the finest whose maps fit in :data:`BUDGET`
+    parameters: list[str]  # sampled parameters of each valid member
 
 
 def member_layers(study: Study, grid: Grid) -> MemberLayers:

@@ -29,23 +29,15 @@ MOST_NAMES, MOST_PARTS = 6, 3  # places of a sentence that as many members reach
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer to a question of a decision maker.
+    """Answer to a question of a decision maker."""
 
-    Attributes
-    ----------
-    question, text : str
-        Question, and answer in words.
-    place, words : str
-        Section of the report with the answer, and its name; empty without.
-    command : str
-        Command with the name of the site that gives the answer; empty without.
-    """
-
+    # question, text: question, and answer in words
     question: str
     text: str
+    # place, words: section of the report with the answer, and its name; empty without
     place: str = ""
     words: str = ""
-    command: str = ""
+    command: str = ""  # command with the name of the site that gives the answer; empty without
 
 
 def assumed(study: Study, settings: Mapping[str, Any]) -> str:

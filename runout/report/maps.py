@@ -28,32 +28,19 @@ TITLE_HEIGHT = 0.2  # [inch] outside the margin
 
 @dataclass(frozen=True)
 class Basemap:
-    """Terrain under the maps.
+    """Terrain under the maps."""
 
-    Parameters
-    ----------
-    easting, northing : ndarray (columns,), (rows,)
-        Map coordinates of the cell centres [m]; northing descends.
-    elevation : ndarray (rows, columns)
-        Elevation [m], NaN where unknown.
-    outlines : list of shapely geometries
-        Outlines of the releases, and lines and areas of the inflows, in map coordinates.
-    obstacles, zones : list of Mark
-        Obstacles and friction zones, with their labels.
-    observed : list of Mark
-        What was observed: outlines, points with labels, a thalweg.
-    probes : list of Mark
-        Points and cross-sections at which series were recorded.
-    """
-
+    # easting, northing (columns,), (rows,): map coordinates of the cell centres [m]; northing descends
     easting: np.ndarray
     northing: np.ndarray
-    elevation: np.ndarray
+    elevation: np.ndarray  # (rows, columns): elevation [m], NaN where unknown
+    # outlines of the releases, and lines and areas of the inflows, in map coordinates
     outlines: list[Any] = field(default_factory=list)
+    # obstacles, zones: obstacles and friction zones, with their labels
     obstacles: list[Mark] = field(default_factory=list)
     zones: list[Mark] = field(default_factory=list)
-    observed: list[Mark] = field(default_factory=list)
-    probes: list[Mark] = field(default_factory=list)
+    observed: list[Mark] = field(default_factory=list)  # what was observed: outlines, points with labels, a thalweg
+    probes: list[Mark] = field(default_factory=list)  # points and cross-sections at which series were recorded
 
     @property
     def cell_size(self) -> tuple[float, float]:

@@ -42,10 +42,7 @@ def plot_release(release: "Release", *, title: str | None = None) -> Any:
 def plot_result(result: "Result", quantity: str = "thickness", *, title: str | None = None) -> Any:
     """Axes with a map of a quantity around the cells that the flow reached.
 
-    Raises
-    ------
-    ConfigError
-        If there is no such quantity.
+    Raises ConfigError if there is no such quantity.
     """
     known = {name: row.member_map for name, row in QUANTITIES.items()} | {TIME: ARRIVAL}
     if quantity not in known:

@@ -40,21 +40,11 @@ WORDS = {POINTS: "point", SECTIONS: "cross-section"}
 
 @dataclass(frozen=True)
 class PeakTable:
-    """Largest values at the probes of a kind, as text.
+    """Largest values at the probes of a kind, as text."""
 
-    Attributes
-    ----------
-    kind : str
-        "point" or "cross-section".
-    headings : list of (str, str)
-        Quantity and unit of each column after the name.
-    rows : list of list of str
-        Name, then values: one number, or median and range of the percentiles.
-    """
-
-    kind: str
-    headings: list[tuple[str, str]]
-    rows: list[list[str]]
+    kind: str  # "point" or "cross-section"
+    headings: list[tuple[str, str]]  # quantity and unit of each column after the name
+    rows: list[list[str]]  # name, then values: one number, or median and range of the percentiles
 
 
 def station_figure(dataset: "xr.Dataset", group: str, station: int, title: str = "") -> Any:

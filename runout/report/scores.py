@@ -12,21 +12,12 @@ from runout.variables import PRINTED
 
 @dataclass
 class ScoreTable:
-    """Scores of the same kinds.
+    """Scores of the same kinds."""
 
-    Attributes
-    ----------
-    heading : str
-        Of the first column.
-    columns : list of (title, unit and best value, meaning)
-    rows : list of (what is scored, cells)
-    reasons : dict of str to list of str
-        Scores without a value and why, and the rows of which this is true.
-    """
-
-    heading: str
+    heading: str  # of the first column
     columns: list[tuple[str, str, str]]
     rows: list[tuple[str, list[str]]] = field(default_factory=list)
+    # scores without a value and why, and the rows of which this is true
     reasons: dict[str, list[str]] = field(default_factory=dict)
 
     @property

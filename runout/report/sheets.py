@@ -18,25 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sheet:
-    """One map of the report.
+    """One map of the report."""
 
-    Parameters
-    ----------
-    title, caption : str
-        Quantity and explanation.
-    values : ndarray (rows, columns)
-        Cells to draw; NaN and 0 are transparent.
-    style : str
-        Key of :data:`runout.report.values.STYLES`.
-    top : float
-        Largest value of a continuous scale that several maps share; 0: that of the style.
-    """
-
+    # title, caption: quantity and explanation
     title: str
     caption: str
-    values: np.ndarray
-    style: str
-    top: float = 0.0
+    values: np.ndarray  # (rows, columns): cells to draw; NaN and 0 are transparent
+    style: str  # key of :data:`runout.report.values.STYLES`
+    top: float = 0.0  # largest value of a continuous scale that several maps share; 0: that of the style
 
 
 def reached_window(study: Study) -> Window:

@@ -9,21 +9,11 @@ QUALITY = 82  # of WebP
 
 @dataclass(frozen=True)
 class Stills:
-    """Pictures of the maximum thickness of members.
+    """Pictures of the maximum thickness of members."""
 
-    Attributes
-    ----------
-    pictures : tuple of (str, bytes)
-        Title and PNG of each.
-    drawn_by : str
-        Versions and driver: the pixels depend on them.
-    failure : str
-        Why pictures are missing; empty if none is.
-    """
-
-    pictures: tuple[tuple[str, bytes], ...] = ()
-    drawn_by: str = ""
-    failure: str = ""
+    pictures: tuple[tuple[str, bytes], ...] = ()  # title and PNG of each
+    drawn_by: str = ""  # versions and driver: the pixels depend on them
+    failure: str = ""  # why pictures are missing; empty if none is
 
     def content(self) -> dict[str, Any]:
         """Content of the template."""

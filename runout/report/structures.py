@@ -28,21 +28,11 @@ ROUNDED = (
 
 @dataclass(frozen=True)
 class Loads:
-    """Forces on structures: the content of ``structures.nc``, with the series of one member.
+    """Forces on structures: the content of ``structures.nc``, with the series of one member."""
 
-    Attributes
-    ----------
-    over : xarray.Dataset
-        Maxima and what follows from them over the members.
-    series : xarray.Dataset
-        Forces (record, facade) of the member ``chosen`` against ``record_time``.
-    chosen : int
-        Its number.
-    """
-
-    over: "xr.Dataset"
-    series: "xr.Dataset"
-    chosen: int
+    over: "xr.Dataset"  # maxima and what follows from them over the members
+    series: "xr.Dataset"  # forces (record, facade) of the member ``chosen`` against ``record_time``
+    chosen: int  # its number
 
 
 def read_loads(path: Path, chosen: int) -> Loads | None:
@@ -61,18 +51,10 @@ def read_loads(path: Path, chosen: int) -> Loads | None:
 
 @dataclass(frozen=True)
 class LoadError:
-    """Relative numerical error by which loads are rounded.
+    """Relative numerical error by which loads are rounded."""
 
-    Attributes
-    ----------
-    share : float or None
-        [1]; None where it is not known.
-    statement : str
-        Sentence on the rounding.
-    """
-
-    share: float | None
-    statement: str
+    share: float | None  # [1]; None where it is not known
+    statement: str  # sentence on the rounding
 
     @classmethod
     def of(cls, convergence: Mapping[str, Any] | None, cells: float) -> "LoadError":

@@ -31,46 +31,24 @@ LAYERS = (*STARTS, "obstacles", "structures", "friction_zones", *OBSERVED, *PROB
 
 @dataclass(frozen=True)
 class Study:
-    """Content of a report.
+    """Content of a report."""
 
-    Parameters
-    ----------
-    hazard : xarray.Dataset
-        Maps over all members, ``hazard.nc``.
-    members : pandas.DataFrame
-        One row a realization: weight, seed, sampled parameters, status, reason of failure and the figures of
-        :func:`runout.hazard.figures.member_figures`.
-    ledgers : dict of int to Ledger
-        Mass and energy over time of the valid members.
-    basemap : Basemap
-        Terrain and outlines of the releases.
-    run : dict
-        Provenance, ``run.json``.
-    probes : dict of str to xarray.Dataset
-        Percentiles of the series at the probes of site.yaml, by their kind; empty if it states none.
-    convergence : dict or None
-        Numerical error of the maps, ``convergence.json``; None if it was not computed.
-    loads : Loads or None
-        Forces on structures, ``structures.nc``; None without structures.
-    sensitivity : mapping
-        Sobol indices of these members, ``sensitivity/sensitivity.json``; empty without, or if they are of other members.
-    inundation : list of dict
-        Outlines within which the flow arrives with a probability: features with ``geometry`` and ``probability``.
-    results : Path
-        The folder that was read.
-    """
-
-    hazard: "xr.Dataset"
+    hazard: "xr.Dataset"  # maps over all members, ``hazard.nc``
+    # one row a realization: weight, seed, sampled parameters, status, reason of failure and the figures of
+    # :func:`runout.hazard.figures.member_figures`
     members: "pd.DataFrame"
-    ledgers: dict[int, Ledger]
-    basemap: Basemap
-    run: dict[str, Any]
-    convergence: Mapping[str, Any] | None = None
-    loads: Loads | None = None
+    ledgers: dict[int, Ledger]  # mass and energy over time of the valid members
+    basemap: Basemap  # terrain and outlines of the releases
+    run: dict[str, Any]  # provenance, ``run.json``
+    convergence: Mapping[str, Any] | None = None  # numerical error of the maps, ``convergence.json``; None if it was not computed
+    loads: Loads | None = None  # forces on structures, ``structures.nc``; None without structures
+    # percentiles of the series at the probes of site.yaml, by their kind; empty if it states none
     probes: "Mapping[str, xr.Dataset]" = field(default_factory=dict)
+    # Sobol indices of these members, ``sensitivity/sensitivity.json``; empty without, or if they are of other members
     sensitivity: Mapping[str, Any] = field(default_factory=dict)
+    # outlines within which the flow arrives with a probability: features with ``geometry`` and ``probability``
     inundation: list[dict[str, Any]] = field(default_factory=list)
-    results: Path = Path()
+    results: Path = Path()  # the folder that was read
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -91,10 +69,7 @@ class Study:
 def read_study(results: Path) -> Study:
     """The study of a results folder.
 
-    Raises
-    ------
-    StorageError
-        If a file of the hazard stage is missing; the message names the file and the command that makes it.
+    Raises StorageError if a file of the hazard stage is missing; the message names the file and the command that makes it.
     """
     from runout.io import netcdf
 

@@ -23,45 +23,20 @@ VALUES = 2  # order of drawing: the values lie above the ground, and below outli
 
 @dataclass(frozen=True)
 class MapStyle:
-    """Colours of a quantity.
+    """Colours of a quantity."""
 
-    Parameters
-    ----------
-    label : str
-        Text of the colour bar, with the unit.
-    colours : str
-        The colour map of matplotlib of a palette (:mod:`runout.palettes`).
-    steps : tuple of float
-        Bounds of colour classes, in the printed unit; if empty, the scale is continuous from 0 to the 99th percentile.
-    beyond : bool
-        Whether values above the last step have a colour of their own.
-    meanings : tuple of str
-        What values of each class do, if that is known; empty for a class without a meaning.
-    classes : int
-        Approximate number of colour classes with round bounds; 0 for a continuous scale.
-    logarithmic : bool
-        A logarithmic continuous scale over at most three decades.
-    faintest : float
-        Values at or below it are transparent.
-    scale : float
-        Factor from the stored unit to the printed one.
-    diverging : bool
-        A continuous scale that is symmetric about 0.
-    top : float
-        Largest value of a continuous scale, in the printed unit; 0: the 99th percentile.
-    """
-
-    label: str
-    colours: str
+    label: str  # text of the colour bar, with the unit
+    colours: str  # the colour map of matplotlib of a palette (:mod:`runout.palettes`)
+    # bounds of colour classes, in the printed unit; if empty, the scale is continuous from 0 to the 99th percentile
     steps: tuple[float, ...] = ()
-    beyond: bool = False
-    meanings: tuple[str, ...] = ()
-    classes: int = 0
-    logarithmic: bool = False
-    faintest: float = 0.0
-    scale: float = 1.0
-    diverging: bool = False
-    top: float = 0.0
+    beyond: bool = False  # whether values above the last step have a colour of their own
+    meanings: tuple[str, ...] = ()  # what values of each class do, if that is known; empty for a class without a meaning
+    classes: int = 0  # approximate number of colour classes with round bounds; 0 for a continuous scale
+    logarithmic: bool = False  # a logarithmic continuous scale over at most three decades
+    faintest: float = 0.0  # values at or below it are transparent
+    scale: float = 1.0  # factor from the stored unit to the printed one
+    diverging: bool = False  # a continuous scale that is symmetric about 0
+    top: float = 0.0  # largest value of a continuous scale, in the printed unit; 0: the 99th percentile
 
 
 def _style(name: str, label: str, **choices: Any) -> MapStyle:

@@ -35,21 +35,11 @@ PASSED = "passed "  # before the name of a cross-section
 
 @dataclass(frozen=True)
 class Curve:
-    """A panel: an outcome against a parameter.
+    """A panel: an outcome against a parameter."""
 
-    Attributes
-    ----------
-    parameter : str
-        On the horizontal axis.
-    outcome : str
-        Column of the table of outcomes.
-    lines : dict of str to list of int
-        Members of each line in the order of the parameter, by what the line has in common.
-    """
-
-    parameter: str
-    outcome: str
-    lines: dict[str, list[int]]
+    parameter: str  # on the horizontal axis
+    outcome: str  # column of the table of outcomes
+    lines: dict[str, list[int]]  # members of each line in the order of the parameter, by what the line has in common
 
 
 def page(site: "Site", results: Path, sweep: Sweep, outcomes: "pd.DataFrame", notes: Sequence[str]) -> str:

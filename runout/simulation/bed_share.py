@@ -20,14 +20,9 @@ CHUNK = 2**18  # particles whose boxes are laid out at once
 
 @dataclass(frozen=True)
 class DepositMass:
-    """Mass at the end of a run by cell of the raster.
+    """Mass at the end of a run by cell of the raster."""
 
-    Attributes
-    ----------
-    total, of_bed : ndarray (rows, columns)
-        All mass, and that which is born of the bed [kg].
-    """
-
+    # total, of_bed (rows, columns): all mass, and that which is born of the bed [kg]
     total: np.ndarray
     of_bed: np.ndarray
 

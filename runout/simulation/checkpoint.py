@@ -37,21 +37,11 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, z
 
 @dataclass
 class Checkpoint:
-    """File with the latest checkpoint of one run.
+    """File with the latest checkpoint of one run."""
 
-    Parameters
-    ----------
-    path : Path
-        The file; its folder is created if missing.
-    key : str
-        Key of the run, see :func:`run_key`.
-    every : float
-        Wall time from one checkpoint to the next [s].
-    """
-
-    path: Path
-    key: str
-    every: float = EVERY
+    path: Path  # the file; its folder is created if missing
+    key: str  # key of the run, see :func:`run_key`
+    every: float = EVERY  # wall time from one checkpoint to the next [s]
     written: int = field(default=0, init=False)  # number of checkpoints
     seconds: float = field(default=0.0, init=False)  # [s] spent on checkpoints
     last: float = field(default_factory=time.perf_counter, init=False)

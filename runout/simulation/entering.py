@@ -96,21 +96,11 @@ class Watcher(Protocol):
 
 @dataclass
 class Entered:
-    """Sums over what has entered.
+    """Sums over what has entered."""
 
-    Attributes
-    ----------
-    mass : float
-        [kg].
-    energy : float
-        Kinetic, potential and elastic energy where it entered [J].
-    particles : int
-        Number of those that were not numbered in advance.
-    """
-
-    mass: float = 0.0
-    energy: float = 0.0
-    particles: int = 0
+    mass: float = 0.0  # [kg]
+    energy: float = 0.0  # kinetic, potential and elastic energy where it entered [J]
+    particles: int = 0  # number of those that were not numbered in advance
 
 
 class Entering:

@@ -341,10 +341,7 @@ def eroding_bed(
 ) -> ErodingBed | None:
     """The bed of a run, None without one; what a user should know of it is logged.
 
-    Raises
-    ------
-    ConfigError
-        For an argument of another kind.
+    Raises ConfigError: for an argument of another kind.
     """
     if bed is None:
         return None

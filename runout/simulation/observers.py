@@ -27,37 +27,27 @@ class PeakMaps:
     Thickness is vertical: the volume that flows over a cell divided by its area; single particles have none. Speed is that of the
     column as a whole, momentum over mass; all but the thickness count while the flow is at least ``arrival_threshold`` thick.
     Between two observations, thickness grows at a steady rate to where it arrives.
-
-    Attributes
-    ----------
-    on_lattice : bool
-        Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
-        over the raster. :meth:`maps` are on the raster.
-    conditions : tuple of mapping
-        Joint conditions (:mod:`runout.model.joint_conditions`).
-    shares : (conditions, rows, columns)
-        Largest share of the thresholds of each condition that was reached at one time [1]; 1 and more: all of them.
-    peaks : (quantities, rows, columns)
-        Largest values of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
-    arrival : (rows, columns)
-        Time of arrival [s]; NaN where nothing has arrived.
-    thickness : (rows, columns)
-        Thickness of all volume at the last observation [m], single particles included.
-    window : (4,)
-        First row and column, and one past the last; outside of them that thickness is zero.
     """
 
     scene: Scene
     arrival_threshold: float  # [m]
+    # whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
+    # over the raster. :meth:`maps` are on the raster
     on_lattice: bool = False
-    conditions: tuple[Condition, ...] = ()
+    conditions: tuple[Condition, ...] = ()  # joint conditions (:mod:`runout.model.joint_conditions`)
     time: float = 0.0  # [s] of the last observation
     observations: int = 0
     cells: int = 0  # cells of all windows that were observed
+    # (quantities, rows, columns): largest values of :func:`runout.quantities.peak_quantities`: thickness [m], speed [m/s], dynamic
+    # pressure [Pa],
     peaks: np.ndarray = field(init=False)
+    # (conditions, rows, columns): largest share of the thresholds of each condition that was reached at one time [1]; 1 and more:
+    # all of them
     shares: np.ndarray = field(init=False)
-    arrival: np.ndarray = field(init=False)
+    arrival: np.ndarray = field(init=False)  # (rows, columns): time of arrival [s]; NaN where nothing has arrived
+    # (rows, columns): thickness of all volume at the last observation [m], single particles included
     thickness: np.ndarray = field(init=False)
+    # (4,): first row and column, and one past the last; outside of them that thickness is zero
     window: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -124,18 +114,10 @@ def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.nda
 
 @dataclass(frozen=True)
 class ParticleSample:
-    """Some particles of a run, evenly spaced by their identity, that are followed through the snapshots.
+    """Some particles of a run, evenly spaced by their identity, that are followed through the snapshots."""
 
-    Attributes
-    ----------
-    size : int
-        Number of particles; 0 for none.
-    stride : int
-        Step of their identities.
-    """
-
-    size: int = 0
-    stride: int = 1
+    size: int = 0  # number of particles; 0 for none
+    stride: int = 1  # step of their identities
 
     @classmethod
     def of(cls, particles: int, most: int) -> "ParticleSample":
@@ -158,22 +140,13 @@ class ParticleSample:
 
 @dataclass(frozen=True)
 class Frame:
-    """State of a run at one time, as snapshots keep it.
+    """State of a run at one time, as snapshots keep it."""
 
-    Attributes
-    ----------
-    time : float
-        [s].
-    thickness, speed : (rows, columns)
-        [m] and [m/s], on the raster.
-    particles : (sample, 4) float32
-        See :meth:`ParticleSample.take`.
-    """
-
-    time: float
+    time: float  # [s]
+    # thickness, speed (rows, columns): [m] and [m/s], on the raster
     thickness: np.ndarray
     speed: np.ndarray
-    particles: np.ndarray
+    particles: np.ndarray  # (sample, 4): see :meth:`ParticleSample.take`
 
     def blend(self, after: "Frame", time: float) -> "Frame":
         """State at a ``time`` [s] between this one and that ``after`` a step: volume, momentum and places change steadily."""

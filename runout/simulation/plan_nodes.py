@@ -16,20 +16,11 @@ THINNEST = 1e-6  # [m] of a bed; less is rounding
 
 @dataclass
 class Columns:
-    """The part of the sums of a flow around nodes of the plan that lies in a window of nodes.
+    """The part of the sums of a flow around nodes of the plan that lies in a window of nodes."""
 
-    Attributes
-    ----------
-    sums : ndarray (5, NX, NY)
-        Volume [m3], momentum (3) [kg m/s] and mass [kg], also beyond the window.
-    begin : tuple of int
-        Where the part begins in ``sums``.
-    first, shape : tuple of int
-        Its first node, counted from that of the plan, and its nodes.
-    """
-
-    sums: np.ndarray
-    begin: tuple[int, int]
+    sums: np.ndarray  # (5, NX, NY): volume [m3], momentum (3) [kg m/s] and mass [kg], also beyond the window
+    begin: tuple[int, int]  # where the part begins in ``sums``
+    # first, shape: its first node, counted from that of the plan, and its nodes
     first: tuple[int, int]
     shape: tuple[int, int]
 
@@ -166,17 +157,10 @@ def births(
 
 @dataclass
 class AreaSums:
-    """Sums over cells of one lattice, of which those over cells of another are taken by area.
+    """Sums over cells of one lattice, of which those over cells of another are taken by area."""
 
-    Attributes
-    ----------
-    total : ndarray (nx + 1, ny + 1)
-        Sum over all cells south-west of each corner.
-    begin, size : tuple of float
-        First corner and size of the cells [m].
-    """
-
-    total: np.ndarray
+    total: np.ndarray  # (nx + 1, ny + 1): sum over all cells south-west of each corner
+    # begin, size: first corner and size of the cells [m]
     begin: tuple[float, float]
     size: tuple[float, float]
 

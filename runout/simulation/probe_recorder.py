@@ -32,27 +32,13 @@ OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; fl
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of all cross-sections, shorter than a cell of the lattice, and the cells around each.
+    """Pieces of all cross-sections, shorter than a cell of the lattice, and the cells around each."""
 
-    Attributes
-    ----------
-    owner : ndarray (n,)
-        Number of the cross-section.
-    normals : ndarray (2, n)
-        Normals to the left times the lengths [m].
-    cells : ndarray (2, m)
-        Row from the south and column of all cells around pieces, each once.
-    around : ndarray (9, n)
-        Places among these of the cells around a piece.
-    apart : ndarray (2, 9, n)
-        Distance east and north from the middles of these to the piece [cells].
-    """
-
-    owner: np.ndarray
-    normals: np.ndarray
-    cells: np.ndarray
-    around: np.ndarray
-    apart: np.ndarray
+    owner: np.ndarray  # (n,): number of the cross-section
+    normals: np.ndarray  # (2, n): normals to the left times the lengths [m]
+    cells: np.ndarray  # (2, m): row from the south and column of all cells around pieces, each once
+    around: np.ndarray  # (9, n): places among these of the cells around a piece
+    apart: np.ndarray  # (2, 9, n): distance east and north from the middles of these to the piece [cells]
 
     @classmethod
     def of(cls, lines: tuple[CrossSection, ...], cell: tuple[float, float]) -> "Pieces":

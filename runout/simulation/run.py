@@ -41,45 +41,24 @@ FEWEST_PLACES = 2**14  # for particles that are expected, where few or none are 
 
 @dataclass(frozen=True)
 class RunControl:
-    """Control of a run: its end, its observations, and the work that it may skip.
+    """Control of a run: its end, its observations, and the work that it may skip."""
 
-    Attributes
-    ----------
-    end_time : float
-        Time at which the run ends at the latest [s].
-    stop : bool
-        Stop at rest.
-    arrival_threshold : float
-        Thickness [m] above which the flow has arrived in a cell.
-    snapshot_times : tuple of float
-        Ascending [s]. A snapshot between two steps is interpolated from the states before and after; steps do not depend on it.
-    crossing : float
-        Observe whenever the fastest particle may have crossed so much of a grid cell, or of a raster cell if that is longer, and at
-        least :data:`OBSERVATIONS` times; 0 observes after every step.
-    force_interval : float or None
-        Least time between two records of the forces on structures [s]; that of the rows of the ledger by default.
-    crop : bool
-        Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
-    snapshot_particles : int
-        Most particles that are kept at each snapshot.
-    probes : Probes or None
-        Points and cross-sections, in local coordinates, at which time series are recorded.
-    bulking : float
-        Volume of the deposit over that of its mass without stress [1].
-    joint_conditions : sequence of mapping
-        Thresholds by the name of the quantity that are recorded where the flow reaches them at one time.
-    """
-
-    end_time: float
-    stop: bool = True
-    arrival_threshold: float = 0.1
+    end_time: float  # time at which the run ends at the latest [s]
+    stop: bool = True  # stop at rest
+    arrival_threshold: float = 0.1  # thickness [m] above which the flow has arrived in a cell
+    # ascending [s]. A snapshot between two steps is interpolated from the states before and after; steps do not depend on it
     snapshot_times: tuple[float, ...] = ()
+    # observe whenever the fastest particle may have crossed so much of a grid cell, or of a raster cell if that is longer, and at
+    # least :data:`OBSERVATIONS` times; 0 observes after every step
     crossing: float = CROSSING
+    # observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit
     crop: bool = True
+    # least time between two records of the forces on structures [s]; that of the rows of the ledger by default
     force_interval: float | None = None
-    snapshot_particles: int = 0
-    probes: Probes | None = None
-    bulking: float = 1.0
+    snapshot_particles: int = 0  # most particles that are kept at each snapshot
+    probes: Probes | None = None  # points and cross-sections, in local coordinates, at which time series are recorded
+    bulking: float = 1.0  # volume of the deposit over that of its mass without stress [1]
+    # thresholds by the name of the quantity that are recorded where the flow reaches them at one time
     joint_conditions: Sequence[Condition] = ()
 
     def __post_init__(self) -> None:

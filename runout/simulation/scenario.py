@@ -124,10 +124,7 @@ def _require_bearing(releases: Sequence[Release], materials: Sequence[Material])
 def inflows_of(inflow: Any) -> list[Inflow]:
     """The inflows of an argument that is one of them or a sequence.
 
-    Raises
-    ------
-    ConfigError
-        If it is something else.
+    Raises ConfigError if it is something else.
     """
     inflows = [inflow] if isinstance(inflow, Inflow) else list(inflow)
     for one in inflows:

@@ -23,21 +23,11 @@ SERIES = (
 
 @dataclass(frozen=True)
 class StructureForces:
-    """Impulses of the flow on the patches of structures, and forces and pressures of facades from them; all float64.
+    """Impulses of the flow on the patches of structures, and forces and pressures of facades from them; all float64."""
 
-    Attributes
-    ----------
-    structures : Structures
-        Names, facades and patches.
-    times : ndarray (n + 1,)
-        Begin of the first interval and end of each [s].
-    impulses : ndarray (n, patches, 3)
-        Of the mass on each patch in each interval [N s], in local axes: east, north, up.
-    """
-
-    structures: Structures
-    times: np.ndarray
-    impulses: np.ndarray
+    structures: Structures  # names, facades and patches
+    times: np.ndarray  # (n + 1,): begin of the first interval and end of each [s]
+    impulses: np.ndarray  # (n, patches, 3): of the mass on each patch in each interval [N s], in local axes: east, north, up
 
     @cached_property
     def patch_force(self) -> np.ndarray:

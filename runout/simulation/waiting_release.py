@@ -33,18 +33,10 @@ TRAVEL = 1.0  # cells that the fastest particle may go between two looks for an 
 
 @dataclass(frozen=True)
 class Closing:
-    """Ground in the place of an excavated release that waits: by how much its coefficients are higher than at the end.
+    """Ground in the place of an excavated release that waits: by how much its coefficients are higher than at the end."""
 
-    Attributes
-    ----------
-    first : tuple of int
-        Node of ``height[0, 0]``.
-    height : ndarray (nx, ny)
-        [m].
-    """
-
-    first: tuple[int, int]
-    height: np.ndarray
+    first: tuple[int, int]  # node of ``height[0, 0]``
+    height: np.ndarray  # (nx, ny): [m]
 
     @classmethod
     def of(cls, release: Release, above: NodalSurface, below: NodalSurface, scene: Scene) -> "Closing":

@@ -45,28 +45,17 @@ FEWEST_PAIRS = 8  # of coarse and fine runs; fewer do not give a covariance
 
 @dataclass(frozen=True)
 class CalibrationChoices:
-    """What ``runout calibrate`` was asked for.
+    """What ``runout calibrate`` was asked for."""
 
-    Attributes
-    ----------
-    errors, without : tuple of str
-        Stated standard errors and scalars left out, see :func:`runout.calibration.observed_scalars.with_errors`.
-    rounds, points : int
-        Rounds of further runs in the posterior, and runs of each.
-    fine_pairs : int
-        Members that are repeated on cells of half the size; 0 for none.
-    rows : int
-        Rows of the table of the posterior.
-    outline : str
-        "area", or "boundary" for the distances of the modelled boundary from the parts of the outline in place of the area.
-    """
-
+    # errors, without: stated standard errors and scalars left out, see :func:`runout.calibration.observed_scalars.with_errors`
     errors: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    # rounds, points: rounds of further runs in the posterior, and runs of each
     rounds: int = 2
     points: int = 16
-    fine_pairs: int = 0
-    rows: int = 256
+    fine_pairs: int = 0  # members that are repeated on cells of half the size; 0 for none
+    rows: int = 256  # rows of the table of the posterior
+    # "area", or "boundary" for the distances of the modelled boundary from the parts of the outline in place of the area
     outline: str = "area"
 
     def require(self) -> None:
@@ -100,41 +89,23 @@ class Runner:
 
 @dataclass
 class Event:
-    """An observed event, and the runs that model it.
-
-    Attributes
-    ----------
-    site : Site
-    prior : Prior
-    observed : Observations
-    measure : Measure
-    scalars : list of ObservedScalar
-        What counts of the observations.
-    members : list of Member
-        Runs so far.
-    modelled : list of dict of str to float
-        Scalars of each.
-    left_out : dict of str to str
-        Scalars that do not count, and why.
-    """
+    """An observed event, and the runs that model it."""
 
     site: "Site"
     prior: Prior
     observed: "Observations"
     measure: Measure
-    scalars: list[ObservedScalar]
-    members: "list[Member]" = field(default_factory=list)
-    modelled: list[Scalars] = field(default_factory=list)
-    left_out: dict[str, str] = field(default_factory=dict)
+    scalars: list[ObservedScalar]  # what counts of the observations
+    members: "list[Member]" = field(default_factory=list)  # runs so far
+    modelled: list[Scalars] = field(default_factory=list)  # scalars of each
+    left_out: dict[str, str] = field(default_factory=dict)  # scalars that do not count, and why
 
     @classmethod
     def of(cls, site: "Site", choices: CalibrationChoices) -> "Event":
         """The event of a site, with the standard errors and without the scalars that the choices state.
 
-        Raises
-        ------
-        ConfigError, InputError
-            If the site samples no parameter, has fewer than 16 members or no observation, or one cannot be used.
+        Raises ConfigError or InputError if the site samples no parameter, has fewer than 16 members or no observation, or one
+        cannot be used.
         """
         event = cls.measured(site, choices.outline)
         event.scalars = with_errors(event.scalars, choices.errors, choices.without)
@@ -193,10 +164,7 @@ class Event:
     def likelihood(self) -> tuple[Likelihood, list[ObservedScalar]]:
         """Likelihood of the scalars whose emulators predict members that they have not seen, and these scalars.
 
-        Raises
-        ------
-        InputError
-            If there is none.
+        Raises InputError if there is none.
         """
         chosen: list[ObservedScalar] = []
         emulators: list[Emulator] = []
@@ -259,10 +227,8 @@ def run(
 
     The exit code is 3 if members of the ensemble failed.
 
-    Raises
-    ------
-    ConfigError, InputError, PartialEnsembleError, BudgetError
-        See :class:`Event`; if no member has run, or further members exceed the budget.
+    Raises ConfigError, InputError, PartialEnsembleError or BudgetError: see :class:`Event`; if no member has run, or further
+    members exceed the budget.
     """
     choices.require()
     study = Study.open(site_path, out, workers, retry_failed, device, threads)
@@ -326,10 +292,7 @@ def grid_error_of(
 ) -> GridError:
     """Error of the grid from the most likely members, repeated on cells of half the size.
 
-    Raises
-    ------
-    InputError
-        If fewer than 8 of them have a result.
+    Raises InputError if fewer than 8 of them have a result.
     """
     order = np.argsort(-likelihood.log_density(event.points.clip(1e-6, 1.0 - 1e-6)))[:count]
     chosen = [event.members[k] for k in order]

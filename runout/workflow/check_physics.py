@@ -52,10 +52,7 @@ class Bases:
 def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None") -> Iterator[str]:
     """Warnings of a site whose inputs have been read.
 
-    Raises
-    ------
-    MaterialError
-        If the sampled parameters of a member are not a valid material.
+    Raises MaterialError if the sampled parameters of a member are not a valid material.
     """
     if not releases:
         return

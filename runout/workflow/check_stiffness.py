@@ -36,10 +36,7 @@ def member_stiffness(
 
     Their outlines do not change; a thicker mass counts as fast as the thinner one.
 
-    Raises
-    ------
-    MaterialError
-        If the parameters of a member make no material.
+    Raises MaterialError if the parameters of a member make no material.
     """
     bases, drags = bases_of(site, releases, samples), any(law.drags for law in site.friction.laws)
     at_start = [np.array([sample.get(key_of(r.name, SPEED), r.start_speed) for sample in samples], float) for r in releases]

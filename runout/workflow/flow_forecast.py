@@ -35,21 +35,11 @@ STEP_RATIO = 1.02  # limit of the time step over the mean step, which is chosen 
 
 @dataclass(frozen=True)
 class Flow:
-    """A flow until it rests or ends.
+    """A flow until it rests or ends."""
 
-    Attributes
-    ----------
-    duration : float
-        Time until it rests or ends [s].
-    path : float
-        Way of its fastest point [m].
-    share : float
-        Mean share of its mass that is on the terrain [1].
-    """
-
-    duration: float
-    path: float
-    share: float = 1.0
+    duration: float  # time until it rests or ends [s]
+    path: float  # way of its fastest point [m]
+    share: float = 1.0  # mean share of its mass that is on the terrain [1]
 
 
 @dataclass(frozen=True)

@@ -28,21 +28,11 @@ Run = Callable[[range | None], EnsembleReport]
 
 @dataclass(frozen=True)
 class Size:
-    """A size that was measured.
+    """A size that was measured."""
 
-    Attributes
-    ----------
-    members : int
-        Of the net.
-    error : float
-        Largest ``*_exceedance_rms_error`` over all thresholds [1].
-    reason : str
-        Why it is the error of independent members; empty where it is that of the net.
-    """
-
-    members: int
-    error: float
-    reason: str = ""
+    members: int  # of the net
+    error: float  # largest ``*_exceedance_rms_error`` over all thresholds [1]
+    reason: str = ""  # why it is the error of independent members; empty where it is that of the net
 
     @classmethod
     def read(cls, members: int, stored: Any, key: str) -> "Size | None":
@@ -58,21 +48,11 @@ class Size:
 
 @dataclass(frozen=True)
 class Growth:
-    """State of an ensemble with a tolerance.
+    """State of an ensemble with a tolerance."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Largest error that is accepted [1].
-    most : int
-        Largest number of members.
-    sizes : tuple of Size
-        Measured sizes, each twice the one before; only the last one may meet the tolerance.
-    """
-
-    tolerance: float
-    most: int
-    sizes: tuple[Size, ...] = ()
+    tolerance: float  # largest error that is accepted [1]
+    most: int  # largest number of members
+    sizes: tuple[Size, ...] = ()  # measured sizes, each twice the one before; only the last one may meet the tolerance
 
     @property
     def reached(self) -> bool:

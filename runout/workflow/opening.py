@@ -36,12 +36,8 @@ def open_page(page: Path) -> bool:
 def open_results(site_path: Path, out: Path | None = None, *, qgis: bool = False) -> None:
     """Open the report of a site, or with ``qgis`` its project.
 
-    Raises
-    ------
-    InputError
-        If there is no such file; the message names the command that makes it.
-    LibraryError
-        If there is no QGIS.
+    Raises InputError if there is no such file; the message names the command that makes it. Raises LibraryError if there is no
+    QGIS.
     """
     study = Study.open(site_path, out)
     file = next(iter(sorted(study.results.glob("*.qgz"))), None) if qgis else study.results / REPORT

@@ -45,41 +45,21 @@ CHECKPOINT_BYTES = {"float32": 130, "float64": 240}  # of disk per particle, whi
 
 @dataclass(frozen=True)
 class Forecast:
-    """Forecast of a run for the remaining members.
+    """Forecast of a run for the remaining members."""
 
-    Attributes
-    ----------
-    members : int
-        Members to simulate.
-    workers : int
-        Members that run at the same time.
-    particles, steps : int
-        Number of particles and of steps of the member with the largest volume factor.
-    member_seconds : float
-        Time of that member on one core [s].
-    seconds : float
-        Time of all members [s].
-    memory, disk : float
-        Memory of all workers together, and disk space of all results [bytes].
-    range_of_steps : tuple of int
-        Least and most steps of a member.
-    particle_steps : float
-        Sum over the members of the number of particles times the number of steps.
-    measured : bool
-        Whether the time of a step was measured on this machine.
-    """
-
-    members: int
-    workers: int
+    members: int  # members to simulate
+    workers: int  # members that run at the same time
+    # particles, steps: number of particles and of steps of the member with the largest volume factor
     particles: int
     steps: int
-    member_seconds: float
-    seconds: float
+    member_seconds: float  # time of that member on one core [s]
+    seconds: float  # time of all members [s]
+    # memory, disk: memory of all workers together, and disk space of all results [bytes]
     memory: float
     disk: float
-    range_of_steps: tuple[int, int] = (0, 0)
-    particle_steps: float = 0.0
-    measured: bool = True
+    range_of_steps: tuple[int, int] = (0, 0)  # least and most steps of a member
+    particle_steps: float = 0.0  # sum over the members of the number of particles times the number of steps
+    measured: bool = True  # whether the time of a step was measured on this machine
 
     def lines(self) -> list[str]:
         """The forecast in sentences."""

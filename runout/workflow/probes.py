@@ -26,32 +26,18 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class ProbeChoices:
-    """What ``runout probe`` was asked for.
+    """What ``runout probe`` was asked for."""
 
-    Attributes
-    ----------
-    points, cross_sections : Path or None
-        Vector files; without both the probes of site.yaml count.
-    points_layer, cross_sections_layer : str or None
-        Their layers.
-    interval : float or None
-        Time between two values of a series [s].
-    member : int or None
-        Number of a member.
-    members : str or None
-        "all": run the members that have no series at these probes.
-    picture : str
-        "png" or "svg".
-    """
-
+    # points, cross_sections: vector files; without both the probes of site.yaml count
     points: Path | None = None
     cross_sections: Path | None = None
+    # points_layer, cross_sections_layer: their layers
     points_layer: str | None = None
     cross_sections_layer: str | None = None
-    interval: float | None = None
-    member: int | None = None
-    members: str | None = None
-    picture: str = "png"
+    interval: float | None = None  # time between two values of a series [s]
+    member: int | None = None  # number of a member
+    members: str | None = None  # "all": run the members that have no series at these probes
+    picture: str = "png"  # "png" or "svg"
 
     @property
     def has_files(self) -> bool:

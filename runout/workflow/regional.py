@@ -38,20 +38,11 @@ NAME, LONGEST = re.compile(r"[^A-Za-z0-9_-]+"), 60
 
 @dataclass(frozen=True)
 class Source:
-    """A release of a site, or one polygon of it.
+    """A release of a site, or one polygon of it."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its site.
-    settings : dict
-        Content of its site.yaml, with paths relative to the folder of the site that it is of.
-    polygon : geopandas.GeoDataFrame or None
-        Its polygon with all attributes; None for a raster of thickness.
-    """
-
-    name: str
-    settings: dict[str, Any]
+    name: str  # name of its site
+    settings: dict[str, Any]  # content of its site.yaml, with paths relative to the folder of the site that it is of
+    # its polygon with all attributes; None for a raster of thickness
     polygon: "gpd.GeoDataFrame | None" = field(default=None, repr=False)
 
 
@@ -159,12 +150,8 @@ def write_sources(site: "Site", folder: Path, annual_rate: str | None = None) ->
     Each has the part of the elevation raster that its largest mass can reach, from the energy line at the least friction. Sites
     with probes, structures, an erodible bed, obstacles or friction zones keep the extent of the site.
 
-    Raises
-    ------
-    ConfigError
-        See :func:`sources_of`.
-    InputError, StorageError
-        If an input cannot be used, or the folder cannot be written.
+    Raises ConfigError: see :func:`sources_of`. Raises InputError or StorageError if an input cannot be used, or the folder cannot
+    be written.
     """
     if site.settings.observations:
         LOGGER.info("observations are left out: they are of all sources together")

@@ -33,32 +33,17 @@ STAGES = ("ensemble", "hazard")
 
 @dataclass(frozen=True)
 class Origin:
-    """What a product says of its origin.
+    """What a product says of its origin."""
 
-    Attributes
-    ----------
-    product : Path
-        The ``hazard.nc``.
-    folder : Path
-        Folder of the site, where the inputs lie.
-    attributes : dict
-        Global attributes.
-    """
-
-    product: Path
-    folder: Path
-    attributes: Mapping[str, Any]
+    product: Path  # the ``hazard.nc``
+    folder: Path  # folder of the site, where the inputs lie
+    attributes: Mapping[str, Any]  # global attributes
 
     @classmethod
     def read(cls, path: Path, folder: Path | None = None) -> "Origin":
         """The origin of a ``hazard.nc`` or of the one in a results folder; the site is the folder above, unless it is stated.
 
-        Raises
-        ------
-        InputError
-            If there is no such file.
-        StorageError
-            If it cannot be read, or does not hold its settings.
+        Raises InputError if there is no such file. Raises StorageError if it cannot be read, or does not hold its settings.
         """
         product = path / PRODUCT if path.is_dir() else path
         require_regular(product, InputError)
@@ -71,10 +56,7 @@ class Origin:
     def site(self) -> Site:
         """The site of the settings, whose input files are those that the product was made of.
 
-        Raises
-        ------
-        InputError
-            If an input is missing, or its content is another; the message names all of them.
+        Raises InputError if an input is missing, or its content is another; the message names all of them.
         """
         document = read_text(str(self.attributes["site_settings"]), self.product.name)
         where = f"the inputs are looked for in {self.folder}; --site names the folder of the site"

@@ -84,10 +84,7 @@ class Choices:
 def view(site_path: Path, out: Path | None, choices: Choices) -> None:
     """Open a window; returns when it is closed.
 
-    Raises
-    ------
-    RenderError
-        If there is no display, no pyvista or no OpenGL.
+    Raises RenderError if there is no display, no pyvista or no OpenGL.
     """
     if not has_display():
         raise RenderError(NO_DISPLAY.format(site=quote(str(site_path))))
@@ -100,10 +97,8 @@ def view(site_path: Path, out: Path | None, choices: Choices) -> None:
 def animate(site_path: Path, out: Path | None, choices: Choices, output: Path | None, vtk: Path | None, fps: float) -> list[Path]:
     """Write a film, files for ParaView, or both; returns their paths. The film is left out if only ``vtk`` is stated.
 
-    Raises
-    ------
-    ConfigError, RenderError, StorageError
-        If a choice is not valid, there is no pyvista, OpenGL or codec, or a file cannot be written.
+    Raises ConfigError, RenderError or StorageError if a choice is not valid, there is no pyvista, OpenGL or codec, or a file
+    cannot be written.
     """
     process.require_packages()
     if not 0 < fps <= 120:

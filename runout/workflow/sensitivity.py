@@ -37,10 +37,8 @@ CENSORED = 1.0  # percent of the mass that left the raster, from which a member 
 def run(site_path: Path, out: Path | None = None) -> int:
     """Print and write the Sobol indices of a site.
 
-    Raises
-    ------
-    ConfigError, InputError, PartialEnsembleError
-        If no parameter is sampled, every quantity is refused, or no member has run.
+    Raises ConfigError, InputError or PartialEnsembleError if no parameter is sampled, every quantity is refused, or no member has
+    run.
     """
     study = Study.open(site_path, out)
     prior, members = Prior.of(study.site), finished_members(study)
@@ -83,10 +81,7 @@ def analysed(
 def finished_members(study: Study) -> "list[Member]":
     """Members of the ensemble of a site that have a result.
 
-    Raises
-    ------
-    PartialEnsembleError
-        If there is none.
+    Raises PartialEnsembleError if there is none.
     """
     done = [standing.member for standing in study.standings if standing.state == "done"]
     if not done:

@@ -87,10 +87,7 @@ def simulation_file(results: Path, member: int, suffix: str = "") -> Path:
 def chosen_member(site: "Site", number: int) -> "Member":
     """A member of a site by its number.
 
-    Raises
-    ------
-    ConfigError
-        If there is no such member.
+    Raises ConfigError if there is no such member.
     """
     from runout.ensemble.member import plan_members
 

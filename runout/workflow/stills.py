@@ -65,10 +65,7 @@ def common_look(longest: "FlowScene", scenes: "Sequence[FlowScene]") -> dict[str
 def draw(scene: "FlowScene", look: Mapping[str, Any]) -> tuple[bytes, str]:
     """PNG of the first frame of a scene, of 256 colours, and what it was drawn by.
 
-    Raises
-    ------
-    RenderError
-        If it cannot be drawn.
+    Raises RenderError if it cannot be drawn.
     """
     with process.folder_for_job() as folder:
         made = {path.suffix: path for path in process.make("frames", scene, look, folder)}

@@ -45,25 +45,13 @@ CHOSEN = ("simulation.cell_size", "ensemble.members")
 
 @dataclass(frozen=True)
 class Choice:
-    """Cells and members that fit into a time.
+    """Cells and members that fit into a time."""
 
-    Attributes
-    ----------
-    cell_size : tuple of float
-        Grid spacing east, north, up [m].
-    through : float
-        Cells through the mean thickness of the release.
-    members : int
-    seconds : float
-        Forecast time of the members on this machine [s].
-    numerical, sampling : float
-        Error bars of the run-out [1]; they hold 9 of 10 cases.
-    """
-
-    cell_size: tuple[float, float, float]
-    through: float
+    cell_size: tuple[float, float, float]  # grid spacing east, north, up [m]
+    through: float  # cells through the mean thickness of the release
     members: int
-    seconds: float
+    seconds: float  # forecast time of the members on this machine [s]
+    # numerical, sampling: error bars of the run-out [1]; they hold 9 of 10 cases
     numerical: float
     sampling: float
 
@@ -82,10 +70,7 @@ class Choice:
 def seconds_of(text: str) -> float:
     """Seconds of a duration such as 90s, 30min or 2h.
 
-    Raises
-    ------
-    ConfigError
-        If it is none, or not positive.
+    Raises ConfigError if it is none, or not positive.
     """
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h)\s*", text)
     if not match or float(match[1]) == 0:
@@ -95,26 +80,13 @@ def seconds_of(text: str) -> float:
 
 @dataclass(frozen=True)
 class TimeBudget:
-    """A site and the time that a run of it may take.
-
-    Attributes
-    ----------
-    site : Site
-    seconds : float
-        Time [s].
-    results : Path
-        Results folder, which may hold ``convergence.json``.
-    workers : int or None
-        Members at the same time, as of :func:`runout.workflow.plan.forecast`.
-    cost_of : callable or None
-        Cost of a step, as of that function.
-    """
+    """A site and the time that a run of it may take."""
 
     site: "Site"
-    seconds: float
-    results: Path
-    workers: int | None = None
-    cost_of: "CostOf | None" = None
+    seconds: float  # time [s]
+    results: Path  # results folder, which may hold ``convergence.json``
+    workers: int | None = None  # members at the same time, as of :func:`runout.workflow.plan.forecast`
+    cost_of: "CostOf | None" = None  # cost of a step, as of that function
 
     @classmethod
     def of(cls, site: "Site", text: str, results: Path, changes: Sequence[str] = (), **how: Any) -> "TimeBudget":
@@ -129,10 +101,7 @@ class TimeBudget:
     def choices(self) -> list[Choice]:
         """The largest number of members that fits, and is of use, for each cell size, coarsest first.
 
-        Raises
-        ------
-        BudgetError
-            If not even the coarsest cells fit; the message states what does.
+        Raises BudgetError if not even the coarsest cells fit; the message states what does.
         """
         choices: list[Choice] = []
         cells, spread = FEWEST_MEASURED, self.spread()
@@ -151,10 +120,7 @@ class TimeBudget:
     def coarsened(self) -> Choice:
         """Cells of the site if its members fit on them, else the finest coarser ones that fit and whose error is known.
 
-        Raises
-        ------
-        BudgetError
-            If not even the coarsest cells whose error is known fit; the message states what does.
+        Raises BudgetError if not even the coarsest cells whose error is known fit; the message states what does.
         """
         own = self.of_size(self.site_size())
         if own.seconds <= self.seconds or own.through <= FEWEST_MEASURED:

@@ -35,27 +35,13 @@ ANNUAL = ("return_periods", "scheme")  # keys of hazard that need annual rates, 
 
 @dataclass(frozen=True)
 class WhatIf:
-    """What ``runout what-if`` was asked for.
+    """What ``runout what-if`` was asked for."""
 
-    Attributes
-    ----------
-    values : tuple of str
-        Each ``KEY=LOW:HIGH:STEP`` or ``KEY=A,B,C``.
-    one_at_a_time : bool
-        Vary one parameter after the other instead of all combinations.
-    scenario : str or None
-        Scenario whose values the other parameters have.
-    cell_size : float or None
-        Grid spacing [m]; None: the cells of the site, or coarser ones that fit into the budget.
-    budget : str
-        Time such as "5min".
-    """
-
-    values: tuple[str, ...]
-    one_at_a_time: bool = False
-    scenario: str | None = None
-    cell_size: float | None = None
-    budget: str = "5min"
+    values: tuple[str, ...]  # each ``KEY=LOW:HIGH:STEP`` or ``KEY=A,B,C``
+    one_at_a_time: bool = False  # vary one parameter after the other instead of all combinations
+    scenario: str | None = None  # scenario whose values the other parameters have
+    cell_size: float | None = None  # grid spacing [m]; None: the cells of the site, or coarser ones that fit into the budget
+    budget: str = "5min"  # time such as "5min"
 
 
 def run(
@@ -72,10 +58,8 @@ def run(
 
     Members that have run with the same settings are not run again, also those of an earlier sweep over the same parameters.
 
-    Raises
-    ------
-    ConfigError, BudgetError, PartialEnsembleError
-        If a key or its values cannot be used, the runs exceed the budget, or none has a result.
+    Raises ConfigError, BudgetError or PartialEnsembleError if a key or its values cannot be used, the runs exceed the budget, or
+    none has a result.
     """
     study, sweep, notes = prepared(site_path, out, asked, workers, device)
     for line in notes:

@@ -28,10 +28,7 @@ def create(device: str = "cpu", deterministic: bool = False, index: str = "spars
 
     ``index`` is "sparse", or "dense" for every block of the box around the particles at the start: what sparse is measured against.
 
-    Raises
-    ------
-    ConfigError
-        For another index.
+    Raises ConfigError: for another index.
     """
     if index not in INDEXES:
         raise ConfigError(f"index is {index!r}; choose one of {', '.join(INDEXES)}")
@@ -144,10 +141,7 @@ def bytes_needed(
     ``friction``: the law on the ground; without one, one that needs no areas. ``mixed``: releases whose frictions differ, 1 if
     all are alike. ``substeps``: most of a transfer.
 
-    Raises
-    ------
-    CapacityError
-        If so many particles or blocks cannot be addressed (:mod:`runout.backends.hash.limits`).
+    Raises CapacityError if so many particles or blocks cannot be addressed (:mod:`runout.backends.hash.limits`).
     """
     number = 4 if precision == "float32" else 8
     require_particles(particles, number)

@@ -346,10 +346,7 @@ class Index:
     def grow(self, counts: np.ndarray) -> None:
         """Make room for what the last try counted: a table that got half full becomes twice as large.
 
-        Raises
-        ------
-        CapacityError
-            If so many blocks cannot be addressed.
+        Raises CapacityError if so many blocks cannot be addressed.
         """
         self.nown, self.nall = int(counts[OWNERS]), int(counts[ENTERED])
         room = room_within(more_room_for(self.nall) if self.capacity else room_for(self.nall), self.nall, self.largest, "blocks")

@@ -75,30 +75,16 @@ STRUCTURE_BLOCKS = {"find_structure_contacts": (WARP, 16), "solve_contacts": (WA
 
 @dataclass(frozen=True)
 class Kind:
-    """A set of kernels.
+    """A set of kernels."""
 
-    Attributes
-    ----------
-    sources : tuple of modules
-        The modules that hold the kernels, each behind what it calls.
-    wanted : callable
-        Whether a kernel of the sources belongs to the set.
-    blocks : dict
-        Threads of a block, and blocks that share a multiprocessor, of kernels in single precision.
-    fast : tuple of int
-        Kernels with these numbers of lanes divide and take roots to the last bit but one: a fifth of the time of contact.
-    substepped : bool
-        The set is for transfers of several substeps.
-    structured : bool
-        Contact is that with structures.
-    """
-
-    sources: tuple[ModuleType, ...]
-    wanted: Callable[[str], bool]
+    sources: tuple[ModuleType, ...]  # the modules that hold the kernels, each behind what it calls
+    wanted: Callable[[str], bool]  # whether a kernel of the sources belongs to the set
+    # threads of a block, and blocks that share a multiprocessor, of kernels in single precision
     blocks: dict[str, tuple[int, int]] = field(default_factory=dict)
+    # kernels with these numbers of lanes divide and take roots to the last bit but one: a fifth of the time of contact
     fast: tuple[int, ...] = (CELL_LANES, WARP)
-    substepped: bool = False
-    structured: bool = False
+    substepped: bool = False  # the set is for transfers of several substeps
+    structured: bool = False  # contact is that with structures
 
 
 def _substeps(*kernels: str, fast: tuple[int, ...] = (CELL_LANES, WARP), structured: bool = False) -> Kind:

@@ -64,10 +64,7 @@ def require_particles(particles: int, number: int) -> None:
 def room_within(room: int, needed: int, largest: int, what: str) -> int:
     """``room``, or as much of it as can be addressed.
 
-    Raises
-    ------
-    CapacityError
-        If not even the ``needed`` blocks, named by ``what``, can be addressed.
+    Raises CapacityError if not even the ``needed`` blocks, named by ``what``, can be addressed.
     """
     if needed > largest:
         coarser = f"use a cell_size {coarser_by(needed, largest, 2):g} times as large"

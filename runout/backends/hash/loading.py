@@ -20,34 +20,20 @@ from runout.model.scene import Scene
 
 @dataclass
 class Loaded:
-    """Particles of scenes on the device of the scope, in the order in which they were given.
-
-    Attributes
-    ----------
-    scenes : SceneArrays
-    store : Store
-    nodes : wp.array (n, 3)
-        First node of each particle, in the range of its scene.
-    accounts : list of Account
-        One a scene.
-    largest_radius : float
-        [m], in the precision of the scenes.
-    """
+    """Particles of scenes on the device of the scope, in the order in which they were given."""
 
     scenes: SceneArrays
     store: Store
-    nodes: wp.array
-    accounts: list[Account] = field(default_factory=list)
-    largest_radius: float = 0.0
+    nodes: wp.array  # first node of each particle, in the range of its scene
+    accounts: list[Account] = field(default_factory=list)  # one a scene
+    largest_radius: float = 0.0  # [m], in the precision of the scenes
 
     @classmethod
     def of(cls, scenes: SceneArrays, sources: Sequence[ParticleSource], more: int = 0) -> Loaded:
         """The particles of one source a scene, with places for so many ``more``.
 
-        Raises
-        ------
-        StabilityError, CapacityError
-            For particles that no step can move, that lie beyond the range of the index, or that are too many to be addressed.
+        Raises StabilityError or CapacityError: for particles that no step can move, that lie beyond the range of the index, or
+        that are too many to be addressed.
         """
         size = sum(map(len, sources))
         require_particles(size, scenes.scenes[0].dtype().itemsize)

@@ -20,10 +20,8 @@ from runout.physics.blocks import block_of, local_index
 def placed(store: Store, blocks: Blocks, node: np.ndarray, most: int) -> tuple[Index, np.ndarray]:
     """Blocks that hold more particles, with first nodes (m, 3) counted from the corner, and the slot (m,) int32 of each.
 
-    Raises
-    ------
-    CapacityError
-        If a block would hold more than ``most``, or the box around all blocks is too large; nothing has changed then.
+    Raises CapacityError if a block would hold more than ``most``, or the box around all blocks is too large; nothing has changed
+    then.
     """
     index, own = _with_blocks(blocks, block_of(node))
     b, gains = index.blocks, np.bincount(own, minlength=index.blocks.nown)

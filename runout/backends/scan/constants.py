@@ -17,38 +17,22 @@ MODULI = ("lame_lambda", "shear_modulus")
 
 @dataclass
 class Tables:
-    """What the scene and the time step say.
-
-    Attributes
-    ----------
-    constants : Constants
-    step : TimeStep
-    moduli : (releases, 2) real
-        Lame parameters of the materials [Pa]. Kernels that need no more take these, so that they are compiled once for all laws.
-    packed_dt : float
-        Time step [s] with whose stress the records are packed; 0 before the first step.
-    domain : Domain
-    zones : Zones, optional
-    basal : (releases times kinds of ground,) record
-        Records of basal friction. No group has them, so that few kernels depend on the law of friction.
-    free_drag : FreeDrag
-        What mass in flight takes of them.
-    particle_volume : float
-        Mean volume of a particle [m3].
-    pores : (releases,) record
-        Records of pore pressure.
-    """
+    """What the scene and the time step say."""
 
     constants: Constants
     step: TimeStep
+    # (releases, 2): lame parameters of the materials [Pa]. Kernels that need no more take these, so that they are compiled once
+    # for all laws
     moduli: np.ndarray
-    packed_dt: float
+    packed_dt: float  # time step [s] with whose stress the records are packed; 0 before the first step
     domain: Domain
     zones: Zones | None
+    # (releases times kinds of ground,): records of basal friction. No group has them, so that few kernels depend on the law of
+    # friction
     basal: np.ndarray
-    free_drag: FreeDrag
-    particle_volume: float
-    pores: np.ndarray
+    free_drag: FreeDrag  # what mass in flight takes of them
+    particle_volume: float  # mean volume of a particle [m3]
+    pores: np.ndarray  # (releases,): records of pore pressure
 
     @classmethod
     def of(cls, scene: Scene, particle_volume: float, corner: np.ndarray) -> "Tables":

@@ -34,18 +34,10 @@ AROUND = np.array([(q // 9 - 1, (q // 3) % 3 - 1, q % 3 - 1) for q in range(27)]
 
 @dataclass
 class Index:
-    """The blocks in use, and how far particles have moved since they were found.
+    """The blocks in use, and how far particles have moved since they were found."""
 
-    Attributes
-    ----------
-    blocks : Blocks
-        See :class:`runout.backends.scan.groups.Blocks`.
-    travelled : float
-        Largest distance [cells] that a particle may have moved since the index was made.
-    """
-
-    blocks: Blocks
-    travelled: float = 0.0
+    blocks: Blocks  # see :class:`runout.backends.scan.groups.Blocks`
+    travelled: float = 0.0  # largest distance [cells] that a particle may have moved since the index was made
 
     @classmethod
     def of_size(cls, nown: int, nall: int) -> "Index":
@@ -58,10 +50,7 @@ class Index:
     def of_nodes(cls, node: np.ndarray) -> "tuple[np.ndarray, Index]":
         """Rank (n,) int32 of particles with first nodes (n, 3) by block and cell, and the occupied blocks, not linked yet.
 
-        Raises
-        ------
-        CapacityError
-            If the box around them is too large.
+        Raises CapacityError if the box around them is too large.
         """
         rank = np.zeros(len(node), np.int32)
         if not len(node):
@@ -123,10 +112,7 @@ class Index:
 
         ``period`` [cells], 0 along an axis that does not repeat. The index holds every block of the box around the particles.
 
-        Raises
-        ------
-        ConfigError
-            If a period is no multiple of a block, or shorter than the mass.
+        Raises ConfigError if a period is no multiple of a block, or shorter than the mass.
         """
         b, blocks = self.blocks, np.array(period) // 4
         if (4 * blocks != period).any():

@@ -25,80 +25,45 @@ class NodeColumns(NamedTuple):
     """Columns of nodes; arrays that a law of friction does not use are empty.
 
     Where it uses none, ``()`` takes their place: each array that a parallel kernel takes, read or not, costs 0.06 s to compile.
-
-    Attributes
-    ----------
-    of_block : (nall,) int32
-        Block column of each node block.
-    start, parts : (columns + 1,) int64, (nall,) int32
-        Node blocks column by column, and where those of each column begin.
-    plan_area : real
-        Area of a column of nodes in plan [m2].
-    gravity : real
-        Magnitude of gravity [m/s2].
-    weights : (nall, 16) real
-        Weights of the contacts in each column of nodes of a block that contacts reach.
-    sums, inverse : (columns, 16) real
-        Their sums, and the reciprocals of these.
-    filled : (nall,) bool
-        Blocks that particles reach.
-    moving : (nall, 64) real
-        Mass [kg] and momentum [kg m/s], with gravity, in each column of nodes of these blocks.
-    pushed : (nall, 64) real
-        Drag [kg/m] and changes of the impulses [N s] of the contacts in each column of nodes of a block that contacts reach.
-    beside : (columns, 9) int32
-        Block columns around each and itself, first axis east; the number of all where there is none.
-    plans : (columns + 1, 6, 16) real
-        Mass [kg], momentum [kg m/s], drag [kg/m] and work [J] of each column of nodes; the last one stays empty.
-    masses : (nown, 36, releases) float64
-        Mass [kg] that each release in a block gives to 6 x 6 columns of nodes, where the friction of releases differs.
-    shares : (columns, 16, releases) real
-        Shares of the releases in the mass of a column of nodes [1].
-    slowed : (columns,) bool
-        Block columns whose velocities change.
-    changes : (columns, 64) real
-        0, and change of velocity [m/s] of each column of nodes.
-    booked : (columns, 4) float64
-        Work [J] and impulse [N s] of the drag.
     """
 
-    of_block: np.ndarray
+    of_block: np.ndarray  # (nall,): block column of each node block
+    # start, parts (columns + 1,): node blocks column by column, and where those of each column begin
     start: np.ndarray
     parts: np.ndarray
-    plan_area: Any
-    gravity: Any
-    weights: np.ndarray
+    plan_area: Any  # area of a column of nodes in plan [m2]
+    gravity: Any  # magnitude of gravity [m/s2]
+    weights: np.ndarray  # (nall, 16): weights of the contacts in each column of nodes of a block that contacts reach
+    # sums, inverse (columns, 16): their sums, and the reciprocals of these
     sums: np.ndarray
     inverse: np.ndarray
-    filled: np.ndarray
-    moving: np.ndarray
+    filled: np.ndarray  # (nall,): blocks that particles reach
+    moving: np.ndarray  # (nall, 64): mass [kg] and momentum [kg m/s], with gravity, in each column of nodes of these blocks
+    # (nall, 64): drag [kg/m] and changes of the impulses [N s] of the contacts in each column of nodes of a block that contacts
+    # reach
     pushed: np.ndarray
-    beside: np.ndarray
+    beside: np.ndarray  # (columns, 9): block columns around each and itself, first axis east; the number of all where there is none
+    # (columns + 1, 6, 16): mass [kg], momentum [kg m/s], drag [kg/m] and work [J] of each column of nodes; the last one stays
+    # empty
     plans: np.ndarray
+    # (nown, 36, releases): mass [kg] that each release in a block gives to 6 x 6 columns of nodes, where the friction of releases
+    # differs
     masses: np.ndarray
-    shares: np.ndarray
-    slowed: np.ndarray
-    changes: np.ndarray
-    booked: np.ndarray
+    shares: np.ndarray  # (columns, 16, releases): shares of the releases in the mass of a column of nodes [1]
+    slowed: np.ndarray  # (columns,): block columns whose velocities change
+    changes: np.ndarray  # (columns, 64): 0, and change of velocity [m/s] of each column of nodes
+    booked: np.ndarray  # (columns, 4): work [J] and impulse [N s] of the drag
 
 
 class FreeDrag(NamedTuple):
-    """What the drag on columns of nodes takes that no contact slows.
+    """What the drag on columns of nodes takes that no contact slows."""
 
-    Attributes
-    ----------
-    basal : (releases, kinds of ground) record
-        Records of basal friction.
-    kind, cell_size : (nx, ny) int32, (2,) float64
-        Kind of ground on the cells of the raster, and their size [m]; one cell without end where there are no zones.
-    gravity : real
-        Magnitude of gravity [m/s2].
-    """
-
-    basal: np.ndarray
+    basal: np.ndarray  # (releases, kinds of ground): records of basal friction
+    # kind, cell_size (nx, ny): kind of ground on the cells of the raster, and their size [m]; one cell without end where there are
+    # no zones
     kind: np.ndarray
     cell_size: np.ndarray
-    gravity: Any
+    gravity: Any  # magnitude of gravity [m/s2]
 
 
 def block_columns(blocks: Blocks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

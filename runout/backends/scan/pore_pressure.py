@@ -35,27 +35,13 @@ local_numbers = local_array((64,))
 
 
 class Pores(NamedTuple):
-    """Pore pressure of particles.
+    """Pore pressure of particles."""
 
-    Attributes
-    ----------
-    left : (n,) or (1,) real
-        The part of the excess that remains [1]; one number where all particles drain alike.
-    excess : (n,) or (1,) real
-        Ratio at the start over the one that stays [1]; one number where all particles have the same.
-    records : (releases,) record
-        Numbers of each release.
-    fading : (nown, releases, 16) or (1, releases, 16) real
-        Share of the excess that is left after half a step [1].
-    alike : bool
-        Whether all particles drain alike.
-    """
-
-    left: np.ndarray
-    excess: np.ndarray
-    records: np.ndarray
-    fading: np.ndarray
-    alike: bool
+    left: np.ndarray  # (n,): the part of the excess that remains [1]; one number where all particles drain alike
+    excess: np.ndarray  # (n,): ratio at the start over the one that stays [1]; one number where all particles have the same
+    records: np.ndarray  # (releases,): numbers of each release
+    fading: np.ndarray  # (nown, releases, 16): share of the excess that is left after half a step [1]
+    alike: bool  # whether all particles drain alike
 
 
 class Numbers(NamedTuple):
@@ -66,27 +52,16 @@ class Numbers(NamedTuple):
 
 
 class Layers(NamedTuple):
-    """Layers of the flow, by block column.
+    """Layers of the flow, by block column."""
 
-    Attributes
-    ----------
-    of_block : (nall,) int32
-        Block column of each node block.
-    start, parts : (columns + 1,) int64, (nall,) int32
-        Node blocks column by column, and where those of each column begin.
-    areal : (columns, 16) real
-        Mass by area in plan of each column of nodes [kg/m2].
-    fading : real
-        As of :class:`Pores`.
-    upward : (nown, 16) real
-        Upward part of the normal of the ground [1] at the middle node above each column of the cells of a block; 1 without ground.
-    """
-
-    of_block: np.ndarray
+    of_block: np.ndarray  # (nall,): block column of each node block
+    # start, parts (columns + 1,): node blocks column by column, and where those of each column begin
     start: np.ndarray
     parts: np.ndarray
-    areal: np.ndarray
-    fading: np.ndarray
+    areal: np.ndarray  # (columns, 16): mass by area in plan of each column of nodes [kg/m2]
+    fading: np.ndarray  # as of :class:`Pores`
+    # (nown, 16): upward part of the normal of the ground [1] at the middle node above each column of the cells of a block; 1
+    # without ground
     upward: np.ndarray
 
 

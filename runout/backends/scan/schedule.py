@@ -24,27 +24,18 @@ BLOCK = 60  # particles that take as long as a block with particles takes beside
 
 @dataclass
 class Schedule:
-    """The order of sums between two rebuilds of the index.
+    """The order of sums between two rebuilds of the index."""
 
-    Attributes
-    ----------
-    cuts : (threads + 1,) int64
-        First owner of each thread.
-    due, nodes : (strips + 1,) int64, (nall,) int32
-        Node blocks in the order in which they are summed, and where those begin that are due after each strip; the last ones wait
-        for other threads.
-    over, owners : (strips + 1,) int64, (nown,) int32
-        Owners in the order in which their arenas become free, and where those begin that are free after each strip; the arenas of
-        the last ones never become free in the pass.
-    late_cuts, late_due, late_over : (threads + 1,) int64
-        The same for the late pass: one strip without owners for each thread.
-    """
-
-    cuts: np.ndarray
+    cuts: np.ndarray  # (threads + 1,): first owner of each thread
+    # due, nodes (strips + 1,): node blocks in the order in which they are summed, and where those begin that are due after each
+    # strip; the last ones wait for other threads
     due: np.ndarray
     nodes: np.ndarray
+    # over, owners (strips + 1,): owners in the order in which their arenas become free, and where those begin that are free after
+    # each strip; the arenas of the last ones never become free in the pass
     over: np.ndarray
     owners: np.ndarray
+    # late_cuts, late_due, late_over (threads + 1,): the same for the late pass: one strip without owners for each thread
     late_cuts: np.ndarray
     late_due: np.ndarray
     late_over: np.ndarray

@@ -49,38 +49,23 @@ def capacity(slots: int) -> int:
 
 @dataclass
 class Store:
-    """The particles of a run.
+    """The particles of a run."""
 
-    Attributes
-    ----------
-    particles : Particles
-        Arrays by slot and by particle (:class:`runout.backends.scan.groups.Particles`).
-    radius : (particles,)
-        Touching radius of every particle [m].
-    n, end : int
-        Particles in the domain; first slot behind all blocks.
-    holes, n_holes : (some, 2) int64, int
-        First slot and size of the gaps that blocks have left.
-    surge : int
-        Fresh slots that a step needed of late.
-    closed_at, closed_end : int
-        Step in which the gaps were closed, and ``end`` then.
-    largest_radius : float
-        [m]
-    pore_left, pore_excess : (particles,), (1,) where all have the same, or None
-        Pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene.
-    """
-
-    particles: groups.Particles
-    radius: np.ndarray
+    particles: groups.Particles  # arrays by slot and by particle (:class:`runout.backends.scan.groups.Particles`)
+    radius: np.ndarray  # (particles,): touching radius of every particle [m]
+    # n, end: particles in the domain; first slot behind all blocks
     n: int
     end: int
+    # holes, n_holes (some, 2): first slot and size of the gaps that blocks have left
     holes: np.ndarray
     n_holes: int
-    surge: int
+    surge: int  # fresh slots that a step needed of late
+    # closed_at, closed_end: step in which the gaps were closed, and ``end`` then
     closed_at: int
     closed_end: int
-    largest_radius: float
+    largest_radius: float  # [m]
+    # pore_left, pore_excess (particles,), (1,): pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry
+    # scene
     pore_left: np.ndarray | None = None
     pore_excess: np.ndarray | None = None
 

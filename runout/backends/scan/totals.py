@@ -16,32 +16,18 @@ from runout.backends.scan.workspace import Workspace
 
 @dataclass
 class Totals:
-    """Sums since the start of the run, and findings of the last step.
+    """Sums since the start of the run, and findings of the last step."""
 
-    Attributes
-    ----------
-    max_speed : float
-        Of any particle [m/s].
-    escaped_mass, escaped_energy : float
-        [kg], [J]
-    basal_dissipation, plastic_dissipation : float
-        [J]
-    basal_impulse : (3,)
-        [N s]
-    contact_particles : int
-        Particles that touch the ground.
-    moved : bool
-        Whether any particle changed its cell.
-    """
-
-    max_speed: float
+    max_speed: float  # of any particle [m/s]
+    # escaped_mass, escaped_energy: [kg], [J]
     escaped_mass: float = 0.0
     escaped_energy: float = 0.0
+    # basal_dissipation, plastic_dissipation: [J]
     basal_dissipation: float = 0.0
     plastic_dissipation: float = 0.0
-    basal_impulse: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    contact_particles: int = 0
-    moved: bool = False
+    basal_impulse: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,): [N s]
+    contact_particles: int = 0  # particles that touch the ground
+    moved: bool = False  # whether any particle changed its cell
 
     def book_escaped(self, sums: np.ndarray) -> None:
         """Add the sums (7,) of particles that left the domain."""

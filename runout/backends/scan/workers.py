@@ -14,15 +14,9 @@ PARTICLES_PER_THREAD = 10_000  # below, waiting for each other costs more than t
 
 @dataclass
 class Workers:
-    """Threads that share the work.
+    """Threads that share the work."""
 
-    Attributes
-    ----------
-    allowed, threads : int
-        Most threads, and those in use.
-    buffers : Buffers
-    """
-
+    # allowed, threads: most threads, and those in use
     allowed: int
     threads: int
     buffers: Buffers

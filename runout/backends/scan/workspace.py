@@ -30,25 +30,16 @@ SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
 
 @dataclass
 class Workspace:
-    """Arrays by block, and the order in which threads go through the blocks.
-
-    Attributes
-    ----------
-    schedule : Schedule
-    arenas, grid, contacts, ground, moves
-        See :mod:`runout.backends.scan.groups`.
-    sums, total : (nown, 7), (7,)
-        What :mod:`runout.backends.scan.observe` adds up, by block and in all.
-    columns : NodeColumns or ()
-    layers : Layers or ()
-    """
+    """Arrays by block, and the order in which threads go through the blocks."""
 
     schedule: Schedule
+    # arenas, grid, contacts, ground, moves: see :mod:`runout.backends.scan.groups`
     arenas: Arenas
     grid: Grid
     contacts: Contacts
     ground: Ground
     moves: Moves
+    # sums, total (nown, 7), (7,): what :mod:`runout.backends.scan.observe` adds up, by block and in all
     sums: np.ndarray
     total: np.ndarray
     columns: NodeColumns | tuple[()]

@@ -19,22 +19,13 @@ FOLDER, MAP = Path("maps") / "snapshots", "flow_thickness"
 
 
 class Snapshot(NamedTuple):
-    """A map of one member at one time.
+    """A map of one member at one time."""
 
-    Attributes
-    ----------
-    member : int
-        The representative one.
-    start, end : float
-        Times from which and until which it shows the flow [s].
-    path : Path
-        Below the results, without suffix.
-    """
-
-    member: int
+    member: int  # the representative one
+    # start, end: times from which and until which it shows the flow [s]
     start: float
     end: float
-    path: Path
+    path: Path  # below the results, without suffix
 
 
 def snapshots(products: Products) -> Iterator[Snapshot]:
