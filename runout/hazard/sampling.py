@@ -1,7 +1,7 @@
 """Sampling error of probabilities and means: from the members of one Sobol net, or from weights alone."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
@@ -19,20 +19,33 @@ if TYPE_CHECKING:
     import pandas as pd
 
 BLOCKS = 4
+ROUNDING = 1e-9  # of sums of products
 NO_NETS: Mapping[str, NetPoints] = MappingProxyType({})
 SAFETY = 1.12  # stated over true is 0.8 to 1.5 with it for flows of 1 to 6 parameters and 16 to 128 members (docs/guide/maps.md)
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """Sums over cells of a map: squares of the spread over blocks, and products of the members of each net."""
+    """Sums over cells of a map for each net: squares of the spread over blocks, and products of the first members."""
 
-    spread: float = 0.0
+    spreads: tuple[float, ...] = ()
     products: tuple[np.ndarray, ...] = ()  # (members, members), see :func:`runout.hazard.net_error.error_of_net`
 
     def __add__(self, other: "Scatter") -> "Scatter":
-        products = tuple(a + b for a, b in zip(self.products, other.products, strict=True))
-        return Scatter(self.spread + other.spread, products)
+        pairs = (zip(a, b, strict=True) for a, b in ((self.spreads, other.spreads), (self.products, other.products)))
+        return Scatter(*(tuple(a + b for a, b in each) for each in pairs))
+
+    def factor(self, nets: Sequence[NetPoints]) -> float:
+        """Factor of the spread over blocks that makes it the error of the whole nets, for a whole map; 1 without spread.
+
+        The spread counts as it is for a net whose first members are all alike: they tell nothing of how the values vary.
+        """
+        spread = math.fsum(self.spreads)
+        if spread <= 0.0:
+            return 1.0
+        each = zip(self.spreads, self.products, nets, strict=True)
+        squares = (SAFETY**2 * error_of_net(sums, points) if _vary(sums) else square for square, sums, points in each)
+        return math.sqrt(math.fsum(squares) / spread)
 
 
 @dataclass(frozen=True)
@@ -112,13 +125,11 @@ class Estimator:
         deviation = np.zeros((len(known), min(ensemble_size, FITTED)))
         deviation[:, members[first]] = known[:, first]
         deviation -= known.sum(axis=1, keepdims=True) / ensemble_size
-        return Scatter(spread, (deviation.T @ deviation,))
+        return Scatter((spread,), (deviation.T @ deviation,))
 
     def factor(self, scatter: Scatter) -> float:
-        """Factor of the spread over blocks that makes it the error of the whole net, for a whole map; 1 without spread."""
-        if scatter.spread <= 0.0 or self.points is None:
-            return 1.0
-        return SAFETY * math.sqrt(error_of_net(scatter.products[0], self.points) / scatter.spread)
+        """Factor of the spread for a whole map, see :meth:`Scatter.factor`."""
+        return 1.0 if self.points is None else scatter.factor([self.points])
 
     def _of_blocks(self, values: np.ndarray, members: np.ndarray, ensemble_size: int) -> list[np.ndarray]:
         """Mean (cells,) of the members of each block."""
@@ -177,21 +188,18 @@ class Strata:
 
     def scatter(self, values: np.ndarray, members: np.ndarray, _: int) -> Scatter:
         """Sums over the known cells with the squares of the shares of the rate; parameters as of :meth:`Estimator.scatter`."""
-        spread, products = 0.0, []
+        spreads, products = [], []
         for place, points in zip(self.places if self.points else (), self.points, strict=True):
             columns = np.flatnonzero(np.isin(members, place))
             within, square = np.searchsorted(place, members[columns]), float(self.weights[place].sum()) ** 2
             own = Estimator(BLOCKS, "", points).scatter(values[:, columns], within, len(place))
-            spread += square * own.spread
+            spreads.append(square * own.spreads[0])
             products.append(square * own.products[0])
-        return Scatter(spread, tuple(products))
+        return Scatter(tuple(spreads), tuple(products))
 
     def factor(self, scatter: Scatter) -> float:
         """As :meth:`Estimator.factor`; 1 if a scenario has no net: its error needs no factor."""
-        if scatter.spread <= 0.0:
-            return 1.0
-        squares = [error_of_net(products, points) for products, points in zip(scatter.products, self.points, strict=True)]
-        return SAFETY * math.sqrt(math.fsum(squares) / scatter.spread)
+        return scatter.factor(self.points)
 
     def of_mean(self, values: np.ndarray, members: np.ndarray, _: int) -> np.ndarray:
         """Standard error (cells,) of the mean over the members; parameters as those of :meth:`Estimator.spread`."""
@@ -206,6 +214,12 @@ class Strata:
                 mean, square = own @ weights / share, np.square(own, dtype=np.float64) @ weights / share
                 variance += np.maximum(square - mean**2, 0.0) * np.square(self.weights[place]).sum()
         return np.sqrt(variance)  # type: ignore[no-any-return]
+
+
+def _vary(products: np.ndarray) -> bool:
+    """Whether members (members, members) of which there are sums of products differ in any cell."""
+    total = float(np.trace(products))
+    return total - float(products.sum()) / len(products) > ROUNDING * total
 
 
 def _has_net(attributes: Mapping[Any, Any], weights: np.ndarray, planned: int) -> bool:

@@ -154,10 +154,10 @@ def test_scatter_by_hand_and_over_parts_of_a_map():
     net, numbers = Estimator(BLOCKS, "", volume(sobol_points(4, 1, 0))), np.arange(4)
     whole = net.scatter(values, numbers, 4)
     # deviations 3/4 -1/4 -1/4 -1/4 and 1/2 1/2 -1/2 -1/2; s^2 = 3/4 / 12 and 1 / 12; the third cell has no value of one member
-    assert whole.spread == pytest.approx((0.75 + 1.0) / 12)
+    assert sum(whole.spreads) == pytest.approx((0.75 + 1.0) / 12)
     assert whole.products[0][0].tolist() == [9 / 16 + 1 / 4, -3 / 16 + 1 / 4, -3 / 16 - 1 / 4, -3 / 16 - 1 / 4]
     parts = net.scatter(values[:1], numbers, 4) + net.scatter(values[1:], numbers, 4)
-    assert parts.spread == pytest.approx(whole.spread)
+    assert parts.spreads == pytest.approx(whole.spreads)
     np.testing.assert_allclose(parts.products[0], whole.products[0])
     assert net.scatter(np.array([[1.0]]), np.array([2]), 4).products[0][2].tolist() == [
         -3 / 16,
@@ -325,9 +325,26 @@ def test_scatter_of_scenarios_adds_with_the_squares_of_their_shares_by_hand():
     points = volume(sobol_points(4, 1, 0))
     strata = Strata(("a", "b"), (np.arange(4), np.arange(4, 8)), np.repeat([0.1, 0.15], 4), (BLOCKS, BLOCKS), (points, points))
     scatter = strata.scatter(np.array([[1.0, 0, 0, 0, 1.0, 1.0, 0, 0]]), np.arange(8), 8)
-    assert scatter.spread == pytest.approx(0.16 * 0.75 / 12 + 0.36 * 1.0 / 12)
+    assert sum(scatter.spreads) == pytest.approx(0.16 * 0.75 / 12 + 0.36 * 1.0 / 12)
     np.testing.assert_allclose([of[0, 0] for of in scatter.products], [0.16 * 9 / 16, 0.36 / 4])
     squares = [error_of_net(of, points) for of in scatter.products]
-    assert strata.factor(scatter) == pytest.approx(SAFETY * np.sqrt(sum(squares) / scatter.spread))
+    assert strata.factor(scatter) == pytest.approx(SAFETY * np.sqrt(sum(squares) / sum(scatter.spreads)))
     without = Strata(("a", "b"), strata.places, strata.weights, (BLOCKS, 0))
     assert without.factor(without.scatter(np.zeros((1, 8)), np.arange(8), 8)) == 1.0
+
+
+def test_a_map_that_only_late_members_reach_keeps_the_spread_over_the_blocks():
+    points = NetPoints(sobol_points(512, 2, 1), sobol_points(256, 2, 2))
+    values = np.zeros((3, 512))
+    values[1, 300] = 1.0
+    estimator = Estimator(4, "", points)
+    assert estimator.factor(estimator.scatter(values, np.arange(512), 512)) == 1.0
+
+
+def test_a_scenario_in_which_all_members_are_alike_adds_no_error():
+    points = NetPoints(sobol_points(16, 2, 1), sobol_points(256, 2, 2))
+    values = np.hstack([np.ones((3, 16)), np.arange(16) * np.ones((3, 1))])
+    strata = Strata(("small", "large"), (np.arange(16), np.arange(16, 32)), np.full(32, 1 / 32), (4, 4), (points, points))
+    scatter = strata.scatter(values, np.arange(32), 32)
+    alone = Estimator(4, "", points)
+    assert strata.factor(scatter) == pytest.approx(alone.factor(alone.scatter(values[:, 16:], np.arange(16), 16)))
