@@ -34,7 +34,7 @@ def test_bars_are_those_of_hand_calculations(study):
     found = shares(parts(with_runouts(study, runouts), SETTINGS))
     deviation = math.sqrt((2 * 100**2 + 2 * 50**2) / 6)
     assert found[PARAMETERS] == pytest.approx(1.645 * deviation / 1000)
-    assert found[GRID] == pytest.approx(0.11 / 3.75)
+    assert found[GRID] == pytest.approx(0.064 / 3.75)
     assert found[MEMBERS] == pytest.approx(1.645 * math.sqrt(math.pi / 2) * deviation / 1000 / math.sqrt(7))
 
 
@@ -58,7 +58,7 @@ def test_the_grid_decides_where_members_agree(study):
     changed = with_runouts(study, [990.0, 1000.0, 1000.0, 1000.0, 1000.0, 1000.0, 1010.0])
     said = statement(parts(changed, {"simulation": {"cell_size": 15.0}}), changed)
     assert ": the grid decides; finer cells" in said
-    assert "± 11" in said
+    assert "± 6.4" in said
 
 
 def test_the_parameter_that_orders_the_run_outs_is_named(study):

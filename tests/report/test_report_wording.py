@@ -60,7 +60,7 @@ def test_loads_are_rounded_by_the_measured_error_of_pressure_else_by_that_expect
     assert "measured for the pressure map of this site" in LoadError.of({"fields": [field]}, 0.1).statement
     expected = LoadError.of({"fields": []}, 1.5)
     assert expected.share == pytest.approx(expected_errors(1.5)[0])
-    assert "numerical error of 17\u202f% leaves (expected for the thickness map of this grid)" in expected.statement
+    assert "numerical error of 15\u202f% leaves (expected for the thickness map of this grid)" in expected.statement
     unknown = LoadError.of(None, 0.5)
     assert unknown.share is None
     assert "Loads have one digit" in unknown.statement
