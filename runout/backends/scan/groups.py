@@ -65,47 +65,83 @@ class Buffers(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """The index: blocks of 4 x 4 x 4 cells, their neighbours and the slots of their particles. Owners come first."""
+    """The index: blocks of 4 x 4 x 4 cells, their neighbours and the slots of their particles. Owners come first.
 
-    # nown, nall: owner blocks, which may hold particles; all node blocks, which hold nodes that particles reach
+    Attributes
+    ----------
+    nown, nall : int
+        Owner blocks, which may hold particles; all node blocks, which hold nodes that particles reach.
+    bxyz : (nall, 3) int32
+        Coordinates of the blocks.
+    up : (nown, 8) int32
+        Node blocks at the block itself and one step up in each axis.
+    down : (nall, 8) int32
+        Owners at the block itself and one step down; -1 where there is none.
+    around : (nown, 27) int32
+        Owners among the neighbours; -1 where there is none.
+    starts : (nown, 65) int32
+        First particle of each cell in the order of the block.
+    held, first, capacity : (nown,) int64
+        Number of particles; first slot; number of slots.
+    """
+
     nown: int
     nall: int
-    bxyz: np.ndarray  # (nall, 3): coordinates of the blocks
-    up: np.ndarray  # (nown, 8): node blocks at the block itself and one step up in each axis
-    down: np.ndarray  # (nall, 8): owners at the block itself and one step down; -1 where there is none
-    around: np.ndarray  # (nown, 27): owners among the neighbours; -1 where there is none
-    starts: np.ndarray  # (nown, 65): first particle of each cell in the order of the block
-    # held, first, capacity (nown,): number of particles; first slot; number of slots
+    bxyz: np.ndarray
+    up: np.ndarray
+    down: np.ndarray
+    around: np.ndarray
+    starts: np.ndarray
     held: np.ndarray
     first: np.ndarray
     capacity: np.ndarray
 
 
 class Pass(NamedTuple):
-    """One pass over the owners and over the nodes that are summed meanwhile (:mod:`runout.backends.scan.schedule`)."""
+    """One pass over the owners and over the nodes that are summed meanwhile (:mod:`runout.backends.scan.schedule`).
 
-    nown: int  # owners; 0 where only nodes are summed
-    cuts: np.ndarray  # (threads + 1,): first owner of each thread
-    # due, nodes (strips + 1,): node blocks in the order in which they are summed, and where those begin that are summed after each
-    # strip
+    Attributes
+    ----------
+    nown : int
+        Owners; 0 where only nodes are summed.
+    cuts : (threads + 1,) int64
+        First owner of each thread.
+    due, nodes : (strips + 1,) int64, (nall,) int32
+        Node blocks in the order in which they are summed, and where those begin that are summed after each strip.
+    over, owners : (strips + 1,) int64, (nown,) int32
+        Owners in the order in which their arenas become free, and where those begin that are free after each strip.
+    """
+
+    nown: int
+    cuts: np.ndarray
     due: np.ndarray
     nodes: np.ndarray
-    # over, owners (strips + 1,): owners in the order in which their arenas become free, and where those begin that are free after
-    # each strip
     over: np.ndarray
     owners: np.ndarray
 
 
 class Arenas(NamedTuple):
-    """Arenas: what the particles of one block give to the 6 x 6 x 6 nodes that they reach."""
+    """Arenas: what the particles of one block give to the 6 x 6 x 6 nodes that they reach.
 
-    values: np.ndarray  # (threads x capacity + 1, ARENA): the arenas, as many for each thread; the last one stays empty
-    free: np.ndarray  # (threads, capacity): arenas of each thread that may be used again
-    cursors: np.ndarray  # (threads, 8): what each thread counts in a kernel
-    # number, lent (nown,): arena of each owner for mass and momentum, and of each owner with contacts for impulses
+    Attributes
+    ----------
+    values : (threads x capacity + 1, ARENA) real
+        The arenas, as many for each thread; the last one stays empty.
+    free : (threads, capacity) int32
+        Arenas of each thread that may be used again.
+    cursors : (threads, 8) int64
+        What each thread counts in a kernel.
+    number, lent : (nown,) int32
+        Arena of each owner for mass and momentum, and of each owner with contacts for impulses.
+    reached : (nown,) uint8
+        Parts of the arena that the particles reach, as bits (:mod:`runout.backends.scan.particles_to_grid`).
+    """
+
+    values: np.ndarray
+    free: np.ndarray
+    cursors: np.ndarray
     number: np.ndarray
     lent: np.ndarray
-    # (nown,): parts of the arena that the particles reach, as bits (:mod:`runout.backends.scan.particles_to_grid`)
     reached: np.ndarray
 
 
@@ -128,100 +164,190 @@ class Grid(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """The surface under the blocks, see :func:`runout.backends.scan.ground.cut_tiles`."""
+    """The surface under the blocks, see :func:`runout.backends.scan.ground.cut_tiles`.
 
-    tiles: np.ndarray  # (nown, 36): spline coefficients at 6 x 6 nodes, above the lowest node of the block [cells]
-    # (nown, 48): for each of 16 columns of cells a plane that bounds the surface from above: value and two slopes [cells]
+    Attributes
+    ----------
+    tiles : (nown, 36) real
+        Spline coefficients at 6 x 6 nodes, above the lowest node of the block [cells].
+    planes : (nown, 48) real
+        For each of 16 columns of cells a plane that bounds the surface from above: value and two slopes [cells].
+    bounds : (nown, 2) real
+        Highest point of these planes [cells], least vertical component of the normal [1].
+    """
+
+    tiles: np.ndarray
     planes: np.ndarray
-    bounds: np.ndarray  # (nown, 2): highest point of these planes [cells], least vertical component of the normal [1]
+    bounds: np.ndarray
 
 
 class Contacts(NamedTuple):
-    """Rows of particles that touch the ground (:mod:`runout.backends.scan.contact_detection` draws them), and their blocks."""
+    """Rows of particles that touch the ground (:mod:`runout.backends.scan.contact_detection` draws them), and their blocks.
 
-    # rows, felt, given (rows, 4): cell and offset; what the grid gives; impulse that the nodes hold, and ground area. As many rows
-    # for each thread
+    Attributes
+    ----------
+    rows, felt, given : (rows, 4) real
+        Cell and offset; what the grid gives; impulse that the nodes hold, and ground area. As many rows for each thread.
+    measured : (rows / 16, 8, 16) real
+        Normal, gap, friction (its number or the row of its record) and velocity, in tiles of 16 rows.
+    shares : (places, SHARES) real
+        Weights of the contacts of an owner at the nodes that they reach; the last one stays empty.
+    touching, candidates, place : (nown,) int64
+        Particles that touch; particles that are measured; first row of the block.
+    sharer : (nown,) int32
+        Place of the owner among the ``shares``.
+    pressed : (nown,) uint8
+        Parts of the arena that the contacts reach, as bits.
+    work : (nown, 4) float64
+        Work of the ground [J] and its impulse [N s].
+    """
+
     rows: np.ndarray
-    # (rows / 16, 8, 16): normal, gap, friction (its number or the row of its record) and velocity, in tiles of 16 rows
     measured: np.ndarray
     felt: np.ndarray
     given: np.ndarray
-    # (places, SHARES): weights of the contacts of an owner at the nodes that they reach; the last one stays empty
     shares: np.ndarray
-    # touching, candidates, place (nown,): particles that touch; particles that are measured; first row of the block
     touching: np.ndarray
     candidates: np.ndarray
     place: np.ndarray
-    sharer: np.ndarray  # (nown,): place of the owner among the ``shares``
-    pressed: np.ndarray  # (nown,): parts of the arena that the contacts reach, as bits
-    work: np.ndarray  # (nown, 4): work of the ground [J] and its impulse [N s]
+    sharer: np.ndarray
+    pressed: np.ndarray
+    work: np.ndarray
 
 
 class ContactSearch(NamedTuple):
-    """Numbers by which contacts are found for a transfer."""
+    """Numbers by which contacts are found for a transfer.
 
-    # reach, band: distance [m] from the ground beyond which no particle can touch; width [m] of the band in which friction acts
+    Attributes
+    ----------
+    reach, band : real
+        Distance [m] from the ground beyond which no particle can touch; width [m] of the band in which friction acts.
+    last : real
+        Stamp of the step before, whose forces still hold.
+    fastest : real, or (releases,) real where laws differ in it
+        Speed [m/s] up to which contacts start from them; infinite for laws that do not use ground areas.
+    lasting : real
+        Time [s] within which a particle must touch the ground: that of all substeps.
+    ahead : real
+        Time [s] after the start at which contacts take the ground and its friction (:func:`runout.physics.substeps.time_ahead`).
+    """
+
     reach: Any
     band: Any
-    last: Any  # stamp of the step before, whose forces still hold
-    fastest: Any  # speed [m/s] up to which contacts start from them; infinite for laws that do not use ground areas
-    lasting: Any  # time [s] within which a particle must touch the ground: that of all substeps
-    # time [s] after the start at which contacts take the ground and its friction (:func:`runout.physics.substeps.time_ahead`)
+    last: Any
+    fastest: Any
+    lasting: Any
     ahead: Any
 
 
 class Moves(NamedTuple):
-    """What moves between cells and blocks in a step, by block."""
+    """What moves between cells and blocks in a step, by block.
 
-    # leaving, shifted, arrivals (nown,): particles that leave the block; that change their cell in it; that enter it
+    Attributes
+    ----------
+    leaving, shifted, arrivals : (nown,) int64
+        Particles that leave the block; that change their cell in it; that enter it.
+    changed : (nown,) int64
+        Bit q is set if a particle moves to destination q: a neighbour, or, 13, another cell of the block.
+    before : (nown,) int64
+        First slot before the block was moved to other slots.
+    rim : (nown,) bool
+        Whether particles of the block may leave the domain.
+    motion : (nown, 4) float64
+        Largest speed squared, longest move [cells], dissipated energy [J], refused moves.
+    """
+
     leaving: np.ndarray
     shifted: np.ndarray
     arrivals: np.ndarray
-    # (nown,): bit q is set if a particle moves to destination q: a neighbour, or, 13, another cell of the block
     changed: np.ndarray
-    before: np.ndarray  # (nown,): first slot before the block was moved to other slots
-    rim: np.ndarray  # (nown,): whether particles of the block may leave the domain
-    motion: np.ndarray  # (nown, 4): largest speed squared, longest move [cells], dissipated energy [J], refused moves
+    before: np.ndarray
+    rim: np.ndarray
+    motion: np.ndarray
 
 
 class Constants(NamedTuple):
-    """Constants of the run, whatever the law."""
+    """Constants of the run, whatever the law.
 
-    # (releases,): what contacts hold of the friction of a release: its number, or the row of its record where the law has several;
-    # the number of the release where there are friction zones
+    Attributes
+    ----------
+    friction : (releases,) real
+        What contacts hold of the friction of a release: its number, or the row of its record where the law has several; the number
+        of the release where there are friction zones.
+    density : (releases,) float64
+        [kg/m3]
+    h, spacing : (3,) real, (3,) float64
+        Spacing of the nodes [m].
+    gravity : (3,) float64
+        [m/s2]
+    corner : (3,) int64
+        Node from which blocks are counted.
+    dv : (16,) real
+        Change of velocity by gravity in one step [m/s], with 0 first, for four nodes.
+    """
+
     friction: np.ndarray
-    density: np.ndarray  # (releases,): [kg/m3]
-    # h, spacing (3,): spacing of the nodes [m]
+    density: np.ndarray
     h: np.ndarray
     spacing: np.ndarray
-    gravity: np.ndarray  # (3,): [m/s2]
-    corner: np.ndarray  # (3,): node from which blocks are counted
-    dv: np.ndarray  # (16,): change of velocity by gravity in one step [m/s], with 0 first, for four nodes
+    gravity: np.ndarray
+    corner: np.ndarray
+    dv: np.ndarray
 
 
 class TimeStep(NamedTuple):
-    """What follows from the time step."""
+    """What follows from the time step.
 
-    mats: np.ndarray  # (releases,): parameters of the law; some laws have parameters that depend on the time step
-    dt: Any  # [s]
-    # slopes, cells (3,): 4 dt / h [s/m]; dt / h [s/m]
+    Attributes
+    ----------
+    mats : (releases,) record
+        Parameters of the law; some laws have parameters that depend on the time step.
+    dt : real
+        [s]
+    slopes, cells : (3,) tuple of real
+        4 dt / h [s/m]; dt / h [s/m].
+    pores : runout.backends.scan.pore_pressure.Pores or ()
+        Pore pressure of the particles; set where kernels are called.
+    """
+
+    mats: np.ndarray
+    dt: Any
     slopes: tuple[Any, Any, Any]
     cells: tuple[Any, Any, Any]
-    pores: Any = ()  # pore pressure of the particles; set where kernels are called
+    pores: Any = ()
 
 
 class Zones(NamedTuple):
-    """Friction zones on the cells of the raster (:class:`runout.model.friction.FrictionZones`)."""
+    """Friction zones on the cells of the raster (:class:`runout.model.friction.FrictionZones`).
 
-    kind: np.ndarray  # (nx, ny): kind of ground
-    cell_size: np.ndarray  # (2,): [m]
-    friction: np.ndarray  # (releases, kinds): what contacts hold of the friction of each release on each kind of ground
+    Attributes
+    ----------
+    kind : (nx, ny) int32
+        Kind of ground.
+    cell_size : (2,) float64
+        [m]
+    friction : (releases, kinds) real
+        What contacts hold of the friction of each release on each kind of ground.
+    """
+
+    kind: np.ndarray
+    cell_size: np.ndarray
+    friction: np.ndarray
 
 
 class Domain(NamedTuple):
-    """Where particles may be (:func:`runout.backends.scan.domain.domain_of`)."""
+    """Where particles may be (:func:`runout.backends.scan.domain.domain_of`).
 
-    # (6,): west, east, south and north edge, and the size of the cells of the raster east and north [cells of the grid]
+    Attributes
+    ----------
+    limits : (6,) float64
+        West, east, south and north edge, and the size of the cells of the raster east and north [cells of the grid].
+    unknown : (columns, rows) bool
+        Cells of the raster without elevation; (1, 1) where all have one.
+    sums : (columns + 1, rows + 1) int64
+        Number of unknown cells west and south of each corner.
+    """
+
     limits: np.ndarray
-    unknown: np.ndarray  # (columns, rows): cells of the raster without elevation; (1, 1) where all have one
-    sums: np.ndarray  # (columns + 1, rows + 1): number of unknown cells west and south of each corner
+    unknown: np.ndarray
+    sums: np.ndarray
