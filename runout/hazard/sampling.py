@@ -32,8 +32,8 @@ class Scatter:
     products: tuple[np.ndarray, ...] = ()  # (members, members), see :func:`runout.hazard.net_error.error_of_net`
 
     def __add__(self, other: "Scatter") -> "Scatter":
-        pairs = (zip(a, b, strict=True) for a, b in ((self.spreads, other.spreads), (self.products, other.products)))
-        return Scatter(*(tuple(a + b for a, b in each) for each in pairs))
+        spreads = tuple(a + b for a, b in zip(self.spreads, other.spreads, strict=True))
+        return Scatter(spreads, tuple(a + b for a, b in zip(self.products, other.products, strict=True)))
 
     def factor(self, nets: Sequence[NetPoints]) -> float:
         """Factor of the spread over blocks that makes it the error of the whole nets, for a whole map; 1 without spread.
