@@ -156,7 +156,7 @@ class MembersWriter:
         of_valid = pd.DataFrame.from_dict(figures, orient="index")
         for name, values in of_valid.reindex(table.index).items():
             with netcdf.writing(self._path):
-                column = self._file.createVariable(str(name), np.float64, ("realization",), fill_value=np.nan)
+                column = self._file.createVariable(str(name), np.float64, ("realization",))
                 column.setncatts(VARIABLES[str(name)].attributes())
                 column[:] = values.to_numpy()
         return of_valid

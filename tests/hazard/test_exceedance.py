@@ -223,9 +223,9 @@ def test_members_nc_has_the_record_of_members_with_the_same_conditions(tmp_path:
     path = tmp_path / "members.nc"
     ensemble = Ensemble(make_table(), dict(enumerate(files)), {4: "the time step"})
     with ExitStack() as stack:
-        copy = stack.enter_context(members_file(ensemble, path, make_terrain(), {}))
+        members = stack.enter_context(members_file(ensemble, path, make_terrain(), {}))
         for number, file in enumerate(files):
-            copy(number, stack.enter_context(MemberMaps(file)))
+            members.copy(number, stack.enter_context(MemberMaps(file)))
     stacked, known = netcdf.read(path), np.isfinite(make_terrain().elevation)
     assert json.loads(stacked.attrs[ATTRIBUTE]) == [pair]
     for number in range(4):
