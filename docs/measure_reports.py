@@ -16,8 +16,9 @@ from runout.io.member_maps import member_table
 TABLE = Path(__file__).parent / "guide" / "outputs" / "report_sizes.csv"
 HEAD = ("site", "members", "size [MB]", "processor time [s]", "most memory [MB]")
 PROGRAM = """
-from runout.processes.imports import hide_dask
-hide_dask()  # as the command does
+from runout.processes.imports import collect_rarely, hide_dask
+collect_rarely()  # as the command does
+hide_dask()
 import sys
 from pathlib import Path
 from runout.config.site import read_site

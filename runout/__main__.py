@@ -12,10 +12,12 @@ def main() -> int:
     end_at_once()
     begin()
     _restart_in_utf8()
-    from runout.cli import main as command
-    from runout.processes.imports import hide_dask
+    from runout.processes.imports import collect_rarely, hide_dask
 
+    collect_rarely()
     hide_dask()
+    from runout.cli import main as command
+
     ignore_settings()
     return command()
 

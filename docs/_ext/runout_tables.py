@@ -158,7 +158,7 @@ class ScoresTable(SphinxDirective):
 
 
 class ProcessTables(SphinxDirective):
-    """For each process of process_ranges.yaml its law, its published values, and the pages that compare runout."""
+    """For each process of process_ranges.toml its law, its published values, and the pages that compare runout."""
 
     def run(self) -> list[Any]:
         """Nodes of the tables."""

@@ -1,5 +1,6 @@
-"""Published values of each process, from process_ranges.yaml: settings of a new site.yaml, and ranges that its ensemble samples."""
+"""Published values of each process, from process_ranges.toml: settings of a new site.yaml, and ranges that its ensemble samples."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -15,7 +16,7 @@ from runout.config.pore_pressure import KEY as PORE_PRESSURE
 from runout.config.pore_pressure import PREFIX as OF_PORE_PRESSURE
 from runout.errors import InputError
 
-FILE = "process_ranges.yaml"
+FILE = "process_ranges.toml"
 BLOCKS = {  # of site.yaml that state a sampled parameter, by the first letters of its key
     OF_FRICTION: (FRICTION,),
     OF_PORE_PRESSURE: ("release", PORE_PRESSURE),
@@ -131,9 +132,7 @@ def process_named(name: str) -> Process:
 @cache
 def processes() -> dict[str, Process]:
     """All processes by their names."""
-    from ruamel.yaml import YAML
-
-    content = YAML(typ="safe", pure=True).load(files("runout.config").joinpath(FILE).read_text(encoding="utf-8"))
+    content = tomllib.loads(files("runout.config").joinpath(FILE).read_text(encoding="utf-8"))
     return {name: _made(name, **block) for name, block in content.items()}
 
 

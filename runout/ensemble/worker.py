@@ -23,7 +23,7 @@ from typing import Protocol
 from runout.ensemble.member import Member
 from runout.errors import DeviceError
 from runout.log import MEMBER
-from runout.processes.imports import hide_dask
+from runout.processes.imports import collect_rarely, hide_dask
 from runout.processes.lifetime import children_allowed, end_with_parent, interrupts_kept
 from runout.safe_start import ignore_settings
 
@@ -199,6 +199,7 @@ def _work(pipe: Connection, device: str | None, parent: int, imports: Sequence[s
     It then ends at once: the interpreter takes a second to close, and all files are written.
     """
     end_with_parent(parent)
+    collect_rarely()
     hide_dask()
     ignore_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)

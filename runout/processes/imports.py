@@ -1,10 +1,25 @@
-"""Imports that a process leaves out, or makes while it waits. Each states the processor time that it saves, on one core."""
+"""Start of a process: imports that it leaves out or makes while it waits, and collections of garbage that it spares.
 
+Each states the processor time that it saves, on one core.
+"""
+
+import gc
 import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+
+COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: imports and compilers make many objects and few cycles
+
+
+def collect_rarely() -> None:
+    """Look for garbage in cycles less often than Python does, which looks each time 700 objects are new.
+
+    It saves 8 % of a command that computes nothing: 0.15 s in the command and in each worker. A report of 500 members takes no more
+    memory with it.
+    """
+    gc.set_threshold(*COLLECT)
 
 
 def hide_dask() -> None:

@@ -1,42 +1,51 @@
-"""A page in headless Chromium, driven over a pipe: no port, no further library."""
+"""A page in the Chromium of Qt, a wheel of the package index: it needs no browser of the machine and no window."""
 
+import asyncio
 import json
 import os
-import shutil
 import subprocess
+import sys
 import time
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+import pytest
+from tornado.websocket import websocket_connect
+
+ENGINE = Path(__file__).with_name("web_engine.py")
 READY = "document.documentElement?.dataset.explorer === 'ready'"  # of a report: its map is drawn
 OWN = ("file:", "data:", "blob:", "about:")
-FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe"),
-    *("--no-first-run", "--disable-component-update"),
-)
+PDF = "printed.pdf"
+LARGEST_MESSAGE = 1 << 28  # bytes; a picture of a page comes in one message
+WAIT = 60.0  # [s] for a page, and for a print
+
+
+@cache
+def fault() -> str:
+    """Why no page can be opened; empty if one can."""
+    tried = [sys.executable, "-c", "from PyQt6 import QtWebEngineWidgets"]
+    done = subprocess.run(tried, capture_output=True, text=True, check=False)
+    return f"needs PyQt6-WebEngine: {done.stderr.strip().splitlines()[-1]}" if done.returncode else ""
+
+
+needs_browser = pytest.mark.skipif(not os.environ.get("CI") and bool(fault()), reason=fault())
 
 
 class Page:
     """One page. ``errors`` are exceptions and messages of its console, ``requests`` addresses of the network that it asks for."""
 
     def __init__(self, folder: Path, width: int = 1280, height: int = 1000, dark: bool = False):
-        to_read, self.to = os.pipe()
-        self.answers, to_write = os.pipe()
-        for end in (to_read, to_write):
-            os.set_inheritable(end, True)
-        shell = f'exec "$0" "$@" 3<&{to_read} 4>&{to_write}'  # Chromium reads commands from 3 and answers on 4
-        command = ["bash", "-c", shell, CHROMIUM, *FLAGS, f"--user-data-dir={folder}"]
-        silent: Any = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.process = subprocess.Popen(command, pass_fds=(to_read, to_write), **silent)
-        for end in (to_read, to_write):
-            os.close(end)
-        self.number, self.buffer, self.session = 0, b"", ""
+        self.printed = folder / PDF
+        command = [sys.executable, str(ENGINE), str(self.printed)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.loop = asyncio.Runner()
+        self.number = 0
         self.errors: list[str] = []
         self.requests: list[str] = []
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        assert self.process.stdout
+        self.socket = self.loop.run(_connected(self.process.stdout.readline().strip()))
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
@@ -49,31 +58,24 @@ class Page:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.process.terminate()
-        self.process.wait()
-        os.close(self.to)
-        os.close(self.answers)
+        self.process.communicate()
+        self.loop.close()
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Answer to a command of the DevTools protocol."""
         self.number += 1
-        command = {"id": self.number, "method": method, "params": parameters} | (
-            {"sessionId": self.session} if self.session else {}
-        )
-        os.write(self.to, json.dumps(command).encode() + b"\0")
+        return self.loop.run(self._answer({"id": self.number, "method": method, "params": parameters}))
+
+    async def _answer(self, command: dict[str, Any]) -> dict[str, Any]:
+        await self.socket.write_message(json.dumps(command))
         while True:
-            answer = self._answer()
-            if answer.get("id") == self.number:
+            message = await self.socket.read_message()
+            assert message is not None, "the page has ended"
+            answer = json.loads(message)
+            if answer.get("id") == command["id"]:
                 assert "error" not in answer, answer
                 return answer["result"]  # type: ignore[no-any-return]
             self._note(answer)
-
-    def _answer(self) -> dict[str, Any]:
-        while b"\0" not in self.buffer:
-            part = os.read(self.answers, 1 << 20)
-            assert part, "Chromium has ended"
-            self.buffer += part
-        text, self.buffer = self.buffer.split(b"\0", 1)
-        return json.loads(text)  # type: ignore[no-any-return]
 
     def _note(self, event: dict[str, Any]) -> None:
         method, content = event.get("method"), event.get("params", {})
@@ -92,10 +94,30 @@ class Page:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def open(self, path: Path, ready: str, seconds: float = 60.0) -> None:
+    def open(self, path: Path, ready: str, seconds: float = WAIT) -> None:
         """Open a file and wait until the expression ``ready`` is true."""
         self.call("Page.navigate", url=path.as_uri())
         end = time.monotonic() + seconds
         while not self.run(ready):
             assert time.monotonic() < end, (self.errors, self.run("document.body.innerText.slice(0, 500)"))
             time.sleep(0.1)
+
+    def print_pdf(self, seconds: float = WAIT) -> Path:
+        """Path of the print of the page, on upright sheets of A4."""
+        self.run("window.print()")
+        end = time.monotonic() + seconds
+        while not (self.printed.exists() and self.printed.read_bytes().rstrip().endswith(b"%%EOF")):
+            assert time.monotonic() < end, "the page was not printed"
+            time.sleep(0.1)
+        return self.printed
+
+
+async def _connected(address: str) -> Any:
+    """Connection to a page; a page that has just begun takes none yet."""
+    end = time.monotonic() + WAIT
+    while True:
+        try:
+            return await websocket_connect(address, max_message_size=LARGEST_MESSAGE)
+        except OSError:
+            assert time.monotonic() < end, "the page does not answer"
+            await asyncio.sleep(0.05)

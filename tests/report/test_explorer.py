@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 import xarray as xr
-from browser import CHROMIUM, Page
+from browser import READY, Page, needs_browser
 
 from runout.errors import InputError
 from runout.report import explorer_members
@@ -271,9 +271,6 @@ def test_orthophoto_elsewhere_is_refused(study, site, tmp_path):
         explorer(study, settings, tmp_path)
 
 
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium")
-
-
 def written(made, path):
     """Path of a page with the explorer alone."""
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -293,13 +290,10 @@ def pixel_of(page, x, y):
     )
 
 
-READY = "document.documentElement?.dataset.explorer === 'ready'"
-
-
-@needs_chromium
+@needs_browser
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
 def test_browser_shows_the_value_of_each_map_without_a_request(study, made, tmp_path, width, dark):
-    with Page(tmp_path / "profile", width, dark=dark) as page:
+    with Page(tmp_path, width, dark=dark) as page:
         page.open(written(made, tmp_path / "map.html"), READY)
         assert page.run("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
         peaks = study.hazard["peak_flow_thickness"]
@@ -322,9 +316,9 @@ def test_browser_shows_the_value_of_each_map_without_a_request(study, made, tmp_
         assert page.errors == page.requests == []
 
 
-@needs_chromium
+@needs_browser
 def test_browser_reads_each_map_and_opens_each_list_by_its_controls(made, tmp_path):
-    with Page(tmp_path / "profile") as page:
+    with Page(tmp_path) as page:
         page.open(written(made, tmp_path / "map.html"), READY)
         families = content_of(made).families
         headings = page.run(
@@ -414,7 +408,7 @@ def test_profile_opens_its_section(study, site, tmp_path, results):
     assert details["charts"][1]["lines"][0]["y"][-1] == pytest.approx(4.0)
 
 
-@needs_chromium
+@needs_browser
 def test_pointer_on_a_mark_shows_its_label_as_text_and_a_click_opens_it(study, site, tmp_path):
     from shapely import Point
 
@@ -423,7 +417,7 @@ def test_pointer_on_a_mark_shows_its_label_as_text_and_a_click_opens_it(study, s
     series = probe_series(study).rename(largest_thickness="flow_thickness", flow_width="speed", passed_volume="pressure")
     probes = {"probe_points": series.assign_coords(station_name=("station", [EVIL]))}
     marked = replace(study, basemap=replace(study.basemap, probes=[Mark(Point(middle), EVIL)]), probes=probes)
-    with Page(tmp_path / "profile") as page:
+    with Page(tmp_path) as page:
         page.open(written(explorer(marked, site.resolved()), tmp_path / "map.html"), READY)
         place = pixel_of(page, *middle)
         for move in (3, 1, 0):

@@ -28,13 +28,13 @@ from runout.model.scene import Raster, Scene
 from runout.model.structures import Patches, StructureField
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
+from runout.processes.imports import collect_rarely
 from runout.processes.lifetime import end_with_parent
 from runout.release.sample import Sampling
 
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
 SUBSTEPS = 3  # of the scenes that have several; every other transfer has one
-COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: the compiler makes many objects and few cycles
 WET = PorePressure(ratio=0.5, decay_time=1.0)
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
@@ -46,7 +46,7 @@ def _job() -> tuple[Scene, Particles, str, Path]:
     end_with_parent(parent)
     make_code_when_called()
     gc.freeze()
-    gc.set_threshold(*COLLECT)
+    collect_rarely()
     scene, particles = small_slope(materials, frictions, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
     substeps = SUBSTEPS if "substeps" in kind else 1
