@@ -8,6 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
+WORKERS_TAKE_ALL_CORES = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")) >= len(os.sched_getaffinity(0))
+if WORKERS_TAKE_ALL_CORES:  # before numpy is imported: threads of OpenBLAS that wait for a core make small matrices 20 times slower
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def pytest_collection_finish(session):
     """Refuse test modules that run a simulation while they are imported: each worker would compile and run it before any test."""
@@ -19,7 +23,7 @@ def pytest_collection_finish(session):
 @pytest.fixture(scope="session", autouse=True)
 def one_process_where_workers_take_all_cores():
     """One process compiles the kernels of scan for all tests of a worker: no core is left for others."""
-    if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")) < len(os.sched_getaffinity(0)):
+    if not WORKERS_TAKE_ALL_CORES:
         yield
         return
     from kernel_compiler import KernelCompiler

@@ -68,10 +68,20 @@ def place(path: Path) -> str:
 
 
 @cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(parsed(path)))
+
+
+@cache
 def imported(path: Path) -> list[tuple[int, str]]:
     """Line and full name of every module that a file imports, or imports from."""
     found: list[tuple[int, str]] = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found += ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
@@ -81,7 +91,7 @@ def imported(path: Path) -> list[tuple[int, str]]:
 
 def functions(path: Path) -> Iterator[tuple[str, int]]:
     """Name and length of the body, without its docstring, of every function of a file."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             body = node.body[1:] if ast.get_docstring(node) else node.body
             yield node.name, node.end_lineno - body[0].lineno + 1 if body else 0
@@ -135,7 +145,7 @@ def test_no_import_inside_a_function_goes_against_the_layers():
     inside, against = [], []
     for path in SOURCES:
         home = module_of(path)
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.FunctionDef):
                 inside += [(home, line, name) for line, name in own_imports(node)]
     for table in layers():
@@ -151,7 +161,7 @@ def test_packages_import_each_other_in_no_circle():
     graph: dict[str, set[str]] = {}
     for path in SOURCES:
         home = ".".join(module_of(path).split(".")[:2])
-        for _, name in own_imports(ast.parse(path.read_text())):
+        for _, name in own_imports(parsed(path)):
             other = ".".join(name.split(".")[:2])
             if home.startswith("runout.") and other.startswith("runout.") and other != home:
                 graph.setdefault(home, set()).add(other)
@@ -228,7 +238,7 @@ def test_reference_backend_stays_within_its_lines():
 
 @pytest.mark.parametrize("path", SOURCES, ids=place)
 def test_everything_public_says_what_it_is(path):
-    tree = ast.parse(path.read_text())
+    tree = parsed(path)
     silent = [] if ast.get_docstring(tree) else ["module"]
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_") and not ast.get_docstring(node):
@@ -256,7 +266,7 @@ def test_every_dependency_is_imported_and_every_import_is_a_dependency():
 def test_errors_are_never_caught_wholesale():
     broad = []
     for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if not isinstance(node, ast.ExceptHandler) or isinstance(node.body[-1], ast.Raise):
                 continue  # to clean up and raise again is no catch
             if node.type is None or ast.unparse(node.type) in ("Exception", "BaseException"):
@@ -269,9 +279,10 @@ CHECKS = ("raises", "warns", "fail", "assert_")  # of pytest and numpy
 
 def _checks(function: ast.AST) -> bool:
     """Whether a function holds an assertion, in its own words."""
-    calls = (node.func for node in ast.walk(function) if isinstance(node, ast.Call))
-    names = [getattr(call, "attr", getattr(call, "id", "")) for call in calls]
-    return any(isinstance(node, ast.Assert) for node in ast.walk(function)) or any(n.startswith(CHECKS) for n in names)
+    inside = list(ast.walk(function))
+    calls = (node.func for node in inside if isinstance(node, ast.Call))
+    names = (getattr(call, "attr", getattr(call, "id", "")) for call in calls)
+    return any(isinstance(node, ast.Assert) for node in inside) or any(n.startswith(CHECKS) for n in names)
 
 
 def test_every_test_asserts_something_and_none_skips_where_a_module_of_runout_is_missing():

@@ -1,5 +1,7 @@
 """The series of the strain lose no digit of either precision up to one limit; larger strain takes few square roots."""
 
+from functools import cache
+
 import numba
 import numpy as np
 import pytest
@@ -32,9 +34,10 @@ def strains(size, real, kind="random", n=2000):
     return turned(values * (0.999 * size / np.linalg.norm(values, axis=1))[:, None]).astype(real)
 
 
-def applied(name, B):
-    """A function of elastic, compiled by numba in the precision of ``B`` (n, 6)."""
-    f = getattr(numba_binding(B.dtype.type, False).elastic, name)
+@cache
+def compiled(name, real):
+    """A function of elastic over rows of tensors (n, 6), compiled by numba in a precision."""
+    f = getattr(numba_binding(real, False).elastic, name)
 
     def rows(B, out):
         for p in range(len(B)):
@@ -42,8 +45,13 @@ def applied(name, B):
             for k in range(6):
                 out[p, k] = r[k]
 
+    return numba.njit(rows)
+
+
+def applied(name, B):
+    """A function of elastic in the precision of ``B`` (n, 6)."""
     out = np.zeros_like(B)
-    numba.njit(rows)(B, out)
+    compiled(name, B.dtype.type)(B, out)
     return out.astype(np.longdouble)
 
 
