@@ -43,7 +43,8 @@ class Law(RegisteredLaw[Material]):
     @property
     def functions(self) -> tuple[FunctionType, ...]:
         """Its return mapping, and that by effective stress if it has one of its own."""
-        return tuple(f for f in (self.update, self.effective_update) if f)
+        own: list[Any] = [self.update, self.effective_update]
+        return tuple(f for f in own if f)
 
     @cached_property
     def fields(self) -> tuple[str, ...]:
@@ -81,8 +82,9 @@ class Law(RegisteredLaw[Material]):
     @cached_property
     def effective_return(self) -> FunctionType:
         """Its own return by effective stress, or :func:`runout.physics.plastic.effective_return` with the return of this law."""
-        if self.effective_update:
-            return self.effective_update
+        own: Any = self.effective_update
+        if own:
+            return own  # type: ignore[no-any-return]
         share: Any = plastic.volume_share if self.material.history_is_volume else plastic.history_share
         return calling(plastic.effective_return, law_return=self.update or plastic.law_return, history_share=share)  # type: ignore[arg-type]
 

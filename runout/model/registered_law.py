@@ -225,7 +225,8 @@ class RegisteredLaw(Generic[Declaration]):
     @property
     def functions(self) -> tuple[FunctionType, ...]:
         """All its formulas."""
-        return (self.function,) if self.function else ()
+        own: Any = self.function
+        return (own,) if own else ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
