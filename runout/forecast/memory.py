@@ -184,7 +184,7 @@ def expected_memory(
             backend = bytes_on_device(*sizes, precision, field, friction, one.mixed, scheme.substeps)
             return backend + pore_bytes(one, precision)
         backend = host_bytes(one.particles, one.occupied, one.owners, one.nodes, precision, friction)
-        return backend + (structure_bytes(field, one, precision) if field else 0) + pore_bytes(one, precision)
+        return backend + (structure_bytes(field, one, precision) if field else 0) + pore_bytes(one, precision, scheme.substeps > 1)
 
     try:
         backend = of_backend(extent)
@@ -195,10 +195,13 @@ def expected_memory(
     return MemoryForecast(backend, of_host(extent), on_device, extent, growing)
 
 
-def pore_bytes(extent: Extent, precision: str) -> int:
-    """Memory [byte] of pore pressure: two numbers a particle at most, and the layers in which it drains; 0 without any."""
-    number = 4 if precision == "float32" else 8
-    return number * (2 * extent.particles + PLAN * (extent.owners * extent.wet + extent.nodes)) if extent.wet else 0
+def pore_bytes(extent: Extent, precision: str, by_slot: bool = False) -> int:
+    """Memory [byte] of pore pressure: two numbers a particle at most, and the layers in which it drains; 0 without any.
+
+    With ``by_slot`` scan has these by slot as well, and the release where there are several.
+    """
+    number, numbers = 4 if precision == "float32" else 8, 2 + by_slot * (2 + (extent.wet > 1))
+    return number * (numbers * extent.particles + PLAN * (extent.owners * extent.wet + extent.nodes)) if extent.wet else 0
 
 
 def structure_bytes(structures: StructureField, extent: Extent, precision: str) -> int:

@@ -90,7 +90,7 @@ def return_to_softened_cone(h: Any, softened: Any, mat: Any):
         part = softened_part(q - limit, softened, mat)
     limit = friction + mat.cone_intercept - loss * part
     if limit <= real(0.0):
-        return apex(mat.residual_intercept, mat), real(1.0)
+        return apex(mat.residual_intercept, mat.cone_slope, mat), real(1.0)
     return shifted(scaled(deviator(h), limit / q), trace(h) * (real(1.0) / real(3.0))), part
 
 

@@ -109,19 +109,19 @@ CONES = {
 }
 
 
-def apex(intercept: Any, mat: Any):
+def apex(intercept: Any, slope: Any, mat: Any):
     """Hencky strain of the apex of a cone."""
     bulk = mat.lame_lambda + real(2.0) * mat.shear_modulus / real(3.0)
-    return isotropic(intercept / (real(3.0) * bulk * mat.cone_slope))
+    return isotropic(intercept / (real(3.0) * bulk * slope))
 
 
-def return_to_cone(h: Any, mat: Any):
-    """Hencky strain of the admissible stress nearest along the deviator, or of the apex."""
+def return_to_cone(h: Any, slope: Any, mat: Any):
+    """Hencky strain of the admissible stress nearest along the deviator, or of the apex, of a cone with a ``slope`` [1]."""
     p = pressure(h, mat)
     q = deviatoric_stress(h, mat)
-    limit = mat.cone_slope * p + mat.cone_intercept
+    limit = slope * p + mat.cone_intercept
     if limit <= real(0.0):
-        return apex(mat.cone_intercept, mat)
+        return apex(mat.cone_intercept, slope, mat)
     if q <= limit:
         return h
     return shifted(scaled(deviator(h), limit / q), trace(h) * (real(1.0) / real(3.0)))
@@ -132,10 +132,15 @@ def update(h: Any, history: Any, mat: Any):
 
     ``history`` is the log volume gained at the apex and not yet lost again [1].
     """
+    return effective_update(h, history, mat, real(1.0))
+
+
+def effective_update(h: Any, history: Any, mat: Any, effective: Any):
+    """:func:`update` where grains carry the share ``effective`` [1] of the mean stress: a cone that is flatter by that share."""
     gained = history * mat.volume_correction
     pressed = shifted(h, gained * (real(1.0) / real(3.0)))
-    new = return_to_cone(pressed, mat)
+    new = return_to_cone(pressed, effective * mat.cone_slope, mat)
     return new, gained_volume(pressed, new), dissipated_energy(h, new, mat)
 
 
-register_law(DruckerPrager, update)
+register_law(DruckerPrager, update, effective_update)

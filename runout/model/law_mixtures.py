@@ -171,7 +171,7 @@ def friction_law(laws: Iterable[FrictionLaw]) -> FrictionLaw:
 def _law_mixture(laws: tuple[Law, ...]) -> LawMixture:
     _require_numbered(laws, MaterialError)
     returns: list[Any] = [law.update or plastic.law_return for law in laws]
-    return LawMixture(_name(laws), Material, _by_record(several_laws.own_return, "law_return", returns), laws)
+    return LawMixture(_name(laws), Material, _by_record(several_laws.own_return, "law_return", returns), parts=laws)
 
 
 @cache

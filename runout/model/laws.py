@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import FunctionType
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 PACKAGE = "runout.materials"
-ARGUMENTS = 3  # of ``update``: Hencky strain, history variable, record of parameters
+ARGUMENTS = "h", "history", "mat"  # of ``update``: Hencky strain, history variable, record of parameters
+EFFECTIVE_ARGUMENTS = *ARGUMENTS, "effective"  # share of the mean stress that grains carry
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Law(RegisteredLaw[Material]):
     """A registered law of the material."""
 
     update: FunctionType | None  # return mapping, see :func:`register_law`; None for a material that never yields
+    effective_update: FunctionType | None = None  # the same by effective stress, of laws that state it
     package = PACKAGE
 
     @property
@@ -37,6 +39,12 @@ class Law(RegisteredLaw[Material]):
     def function(self) -> FunctionType | None:
         """Its return mapping."""
         return self.update
+
+    @property
+    def functions(self) -> tuple[FunctionType, ...]:
+        """Its return mapping, and that by effective stress if it has one of its own."""
+        own: list[Any] = [self.update, self.effective_update]
+        return tuple(f for f in own if f)
 
     @cached_property
     def fields(self) -> tuple[str, ...]:
@@ -73,7 +81,10 @@ class Law(RegisteredLaw[Material]):
 
     @cached_property
     def effective_return(self) -> FunctionType:
-        """:func:`runout.physics.plastic.effective_return` with the return of this law."""
+        """Its own return by effective stress, or :func:`runout.physics.plastic.effective_return` with the return of this law."""
+        own: Any = self.effective_update
+        if own:
+            return own  # type: ignore[no-any-return]
         share: Any = plastic.volume_share if self.material.history_is_volume else plastic.history_share
         return calling(plastic.effective_return, law_return=self.update or plastic.law_return, history_share=share)  # type: ignore[arg-type]
 
@@ -84,8 +95,8 @@ class Law(RegisteredLaw[Material]):
 
     @cached_property
     def own_functions(self) -> tuple[FunctionType, ...]:
-        """Its return mapping and the functions that this calls, callees first."""
-        return tuple(functions_of_law(self.update)) if self.update else ()
+        """Its return mappings and the functions that these call, callees first."""
+        return tuple(dict.fromkeys(f for one in self.functions for f in functions_of_law(one)))
 
     @property
     def depends_on_rate(self) -> bool:
@@ -101,7 +112,9 @@ class Law(RegisteredLaw[Material]):
 LAWS: Registry[Law] = Registry("material law", PACKAGE, "runout.laws", MaterialError)
 
 
-def register_law(material: type[Material], update: Callable[..., Any] | None = None) -> None:
+def register_law(
+    material: type[Material], update: Callable[..., Any] | None = None, effective_update: Callable[..., Any] | None = None
+) -> None:
     """Register a material law under the name ``material.law``.
 
     Parameters
@@ -113,22 +126,27 @@ def register_law(material: type[Material], update: Callable[..., Any] | None = N
         history variable, and the energy [J/m3] dissipated per stress-free volume. ``mat`` holds the numbers of
         ``material.record()``. Plain scalar Python of the shared subset (:mod:`runout.model.registered_law`), compiled for every
         backend. None for a material that never yields.
+    effective_update : function, optional
+        ``effective_update(h, history, mat, effective) -> (h, history, lost)``: the same where grains carry the share ``effective``
+        [1], above 0, of the mean stress, and water the rest. Without it, ``update`` gets strains with the share of the trace, which
+        takes longer (:func:`runout.physics.plastic.effective_return`).
 
     Raises
     ------
     MaterialError
         If the declaration is incomplete or inconsistent, or another law has the name.
     """
-    law = Law(material.law, material, _function(material, update))
+    own = _function(material, update, "update", ARGUMENTS)
+    law = Law(material.law, material, own, _function(material, effective_update, "effective_update", EFFECTIVE_ARGUMENTS))
     register(LAWS, law, Material, MaterialError, _require_finite_record)
 
 
-def _function(material: type[Material], update: Any) -> FunctionType | None:
-    if update is None:
+def _function(material: type[Material], given: Any, name: str, arguments: Sequence[str]) -> FunctionType | None:
+    if given is None:
         return None
-    if not isinstance(update, FunctionType) or len(inspect.signature(update).parameters) != ARGUMENTS:
-        raise MaterialError(f"law {material.law}: update must be a plain function of (h, history, mat), not {update!r}")
-    return update
+    if not isinstance(given, FunctionType) or len(inspect.signature(given).parameters) != len(arguments):
+        raise MaterialError(f"law {material.law}: {name} must be a plain function of ({', '.join(arguments)}), not {given!r}")
+    return given
 
 
 def _require_finite_record(law: Law) -> None:

@@ -10,7 +10,7 @@ import ast
 import hashlib
 import inspect
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, Field, dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -178,9 +178,9 @@ def require_shared_subset(function: FunctionType) -> None:
         raise MaterialError(f"{function.__code__.co_filename}: {function.__name__} cannot be compiled: {'; '.join(violations)}")
 
 
-def fingerprint(material: type, update: Callable[..., object] | None) -> str:
+def fingerprint(material: type, formulas: Iterable[Callable[..., object]]) -> str:
     """Checksum of the modules of a law; if a module has no file, of its functions."""
-    functions = functions_of_law(update) if update else []
+    functions = list(dict.fromkeys(f for formula in formulas for f in functions_of_law(formula)))
     names = sorted({material.__module__, *(f.__module__ for f in functions)})
     digest = hashlib.sha256(" ".join(names).encode())
     files = {_file_of(material), *map(_file_of, functions)}
@@ -223,6 +223,12 @@ class RegisteredLaw(Generic[Declaration]):
         raise NotImplementedError
 
     @property
+    def functions(self) -> tuple[FunctionType, ...]:
+        """All its formulas."""
+        own: Any = self.function
+        return (own,) if own else ()
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters."""
         return parameters_of(self.declaration)
@@ -240,7 +246,7 @@ class RegisteredLaw(Generic[Declaration]):
     @cached_property
     def fingerprint(self) -> str:
         """Checksum of the sources: compiled code and results of a law of another package depend on it."""
-        return fingerprint(self.declaration, self.function)
+        return fingerprint(self.declaration, self.functions)
 
     @property
     def source(self) -> str:
@@ -276,9 +282,9 @@ def register(
     """
     require_declared(law, registry.kind, base, error, ranges=ranges)
     require(law)
-    if law.function and not law.is_of_runout:  # the tests of runout check its own
+    if not law.is_of_runout:  # the tests of runout check its own
         try:
-            for function in functions_of_law(law.function):
+            for function in (f for formula in law.functions for f in functions_of_law(formula)):
                 require_shared_subset(function)
         except MaterialError as cause:
             raise error(str(cause)) from None

@@ -41,10 +41,20 @@ def layer_thickness(mass: Any, area: Any, density: Any, upward: Any):
     return mass / (area * density) * upward
 
 
+def drainage_rate(thickness: Any, pore: Any):
+    """Rate [1/s] at which E falls in a layer of a ``thickness`` [m]; ``pore`` is the record of the mass."""
+    h = max(thickness, real(THINNEST))
+    return pore.decay_rate + pore.diffusion / (h * h)
+
+
+def share_left(rate: Any, dt: Any):
+    """Share [1] of E that is left after ``dt`` [s], in which it falls at a ``rate`` [1/s]."""
+    return math.exp(-rate * dt)
+
+
 def remaining_share(thickness: Any, dt: Any, pore: Any):
     """Share [1] of E that is left after ``dt`` [s] in a layer of a ``thickness`` [m]; ``pore`` is the record of the mass."""
-    h = max(thickness, real(THINNEST))
-    return math.exp(-(pore.decay_rate + pore.diffusion / (h * h)) * dt)
+    return share_left(drainage_rate(thickness, pore), dt)
 
 
 def pore_ratio(excess: Any, left: Any, pore: Any):

@@ -21,6 +21,7 @@ from runout.backends.lanes import (
     load8,
     load16,
     local_array,
+    looked_up,
     lowest_bit,
     permutation,
     permutation_of_two,
@@ -51,6 +52,18 @@ def lanes(real, n=1, seed=0):
 
 def ran(function, *arguments):
     return numba.njit(function)(*arguments)
+
+
+@both
+def test_a_row_is_looked_up_by_the_columns_of_cells(real):
+    """Marks of cells, which are above their 64 numbers, do not count."""
+
+    def look(row, cells, out):
+        store(out, 0, looked_up(load16(row, 0), cells, 3))
+
+    row, cells, out = lanes(real), np.random.default_rng(2).integers(0, 256, 24).astype(np.uint8), np.zeros(16, real)
+    ran(look, row, cells, out)
+    np.testing.assert_array_equal(out, row[(cells[3:19] & 63) >> 2])
 
 
 @both

@@ -71,7 +71,7 @@ def test_before_it_yields_and_without_loss_it_is_drucker_prager():
 def test_what_comes_apart_has_lost_its_bonds_and_must_close_up():
     mat = record(SOIL)
     new, history, _ = cohesion_softening.update((5e-3, 5e-3, 5e-3, 0.0, 0.0, 0.0), 0.0, mat)
-    apex = drucker_prager.apex(mat.residual_intercept, mat)
+    apex = drucker_prager.apex(mat.residual_intercept, mat.cone_slope, mat)
     assert new == apex
     assert history == pytest.approx(15e-3 - 3 * apex[0])
     closing = (apex[0] - 1e-3,) * 3 + (0.0, 0.0, 0.0)

@@ -169,6 +169,10 @@ def by_power(h, history, mat):
     return scaled(h, real(1.0) - mat.softness**2), history, real(0.0)
 
 
+def by_power_of_the_share(h, history, mat, effective):
+    return scaled(h, effective**2), history, real(0.0)
+
+
 def by_module(h, history, mat):
     return scaled(h, np.sqrt(mat.softness)), history, real(0.0)
 
@@ -191,6 +195,15 @@ def of_two(h, mat):
 def test_a_law_that_compilers_would_not_read_alike_is_refused(update, said):
     with pytest.raises(MaterialError, match=said):
         runout.register_law(Sound, update)
+
+
+def test_a_law_by_effective_stress_is_checked_as_its_update_is():
+    for effective_update, said in (
+        (of_two, r"effective_update must be a plain function of \(h, history, mat, effective\)"),
+        (by_power_of_the_share, r"\*\* with an integer does not compile in warp"),
+    ):
+        with pytest.raises(MaterialError, match=said):
+            runout.register_law(Sound, quadratic_flow.update, effective_update)
 
 
 def test_a_law_needs_a_name_of_its_own_and_declared_parameters():

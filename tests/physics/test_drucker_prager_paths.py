@@ -122,7 +122,7 @@ def test_expanded_material_carries_load_only_after_it_recompressed(correction):
 @given(st.tuples(*[st.floats(-0.05, 0.05)] * 6), st.floats(0.0, 30e3))
 def test_returned_stress_is_admissible_and_the_cone_keeps_the_volume(h, cohesion):
     mat = material(cohesion=cohesion)
-    new = dp.return_to_cone(h, mat)
+    new = dp.return_to_cone(h, mat.cone_slope, mat)
     p, q = invariants(new, mat)
     scale = abs(p) + mat.cone_intercept + 1.0
     assert q - mat.cone_slope * p - mat.cone_intercept <= 1e-10 * scale

@@ -9,6 +9,7 @@ from runout import DruckerPrager
 from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS, law_of
 from runout.model.pore_pressure import FIELDS, PorePressure
+from runout.model.registered_law import calling
 from runout.physics import elastic, plastic, pore_pressure
 
 SOIL = DruckerPrager(density=2000.0, youngs_modulus=5e6, friction_angle=32.0, cohesion=500.0)
@@ -75,6 +76,18 @@ def test_a_law_sees_the_effective_strain_and_gained_volume(name):
         assert left * share == pytest.approx(left_of_grains, abs=1e-16)
         if gained == 0.0:  # flow and stress of the whole mass
             assert lost == pytest.approx(plastic.dissipated_energy(tuple(strain), new, mat), rel=1e-9, abs=1e-9)
+
+
+def test_the_flatter_cone_gives_what_the_scaled_trace_gives():
+    """Drucker-Prager has a return of its own by effective stress: strain, gained volume and energy are those of the general one."""
+    law, mat = law_of(SOIL), SimpleNamespace(**SOIL.record())
+    general = calling(plastic.effective_return, law_return=law.update, history_share=plastic.volume_share)
+    for strain, gained, share in zip(*(a.tolist() for a in states(5)), strict=True):
+        found, left, lost = law.effective_return(tuple(strain), gained, mat, share)
+        new, expected_left, expected_lost = general(tuple(strain), gained, mat, share)
+        np.testing.assert_allclose(found, new, rtol=1e-12, atol=1e-14)
+        assert left == pytest.approx(expected_left, rel=1e-12, abs=1e-14)
+        assert lost == pytest.approx(expected_lost, rel=1e-9, abs=1e-7)
 
 
 def test_an_elastic_state_keeps_its_bits():

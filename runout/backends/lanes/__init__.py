@@ -20,7 +20,7 @@ from runout.backends.lanes.memory import (
     row_vectors,
     store,
 )
-from runout.backends.lanes.shuffles import constant, permutation, permutation_of_two
+from runout.backends.lanes.shuffles import constant, looked_up, permutation, permutation_of_two
 from runout.backends.lanes.vectors import (
     LANES,
     any_lane,
@@ -48,6 +48,7 @@ __all__ = [
     "load8",
     "load16",
     "local_array",
+    "looked_up",
     "lowest_bit",
     "permutation",
     "permutation_of_two",

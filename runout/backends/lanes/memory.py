@@ -15,7 +15,7 @@ from runout.backends.lanes.vectors import FLOATS, LANES, Vec, indices
 WORD = ir.IntType(64)
 
 
-def _pointer(context: Any, builder: Any, kind: Any, array: Any, place: Any, place_kind: Any) -> Any:
+def pointer(context: Any, builder: Any, kind: Any, array: Any, place: Any, place_kind: Any) -> Any:
     """Pointer to an element of a C-contiguous array, counted from its first."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.gep(data, [context.cast(builder, place, place_kind, types.intp)])
@@ -37,7 +37,7 @@ def _loader(lanes: int) -> Any:
         """Vector of the numbers at ``place`` of a flat array and after it."""
 
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+            p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
             return builder.load(_at(builder, p, 0, array.dtype, lanes), align=_bytes(array.dtype))
 
         return Vec(array.dtype, lanes)(array, place), emit
@@ -53,7 +53,7 @@ def store(typing: Any, array: Any, place: Any, vector: Any) -> Any:
     """Write a vector to ``place`` of a flat array and after it."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+        p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
         builder.store(args[2], _at(builder, p, 0, array.dtype, vector.lanes), align=_bytes(array.dtype))
         return context.get_dummy_value()
 
@@ -65,7 +65,7 @@ def prefetch(typing: Any, array: Any, place: Any) -> Any:
     """Ask for the cache line at ``place`` of an array; harmless beyond its end."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+        p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
         byte, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
@@ -144,7 +144,7 @@ def record_vectors(width: int) -> tuple[Any, Any]:
         kind = types.UniTuple(Vec(array.dtype, LANES), width)
 
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+            p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
             read = [builder.load(_at(builder, p, width * i, array.dtype, width), align=_bytes(array.dtype)) for i in range(LANES)]
             rows = [_join(builder, read[i::width]) for i in range(width)]
             _transpose_squares(builder, rows)
@@ -155,7 +155,7 @@ def record_vectors(width: int) -> tuple[Any, Any]:
     @intrinsic
     def write(typing: Any, array: Any, place: Any, fields: Any) -> Any:
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+            p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
             rows = [builder.extract_value(args[2], k) for k in range(width)]
             _transpose_squares(builder, rows)
             for i in range(LANES):
@@ -180,7 +180,7 @@ def listed_record_vectors(width: int) -> Any:
 
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             data = context.make_array(sig.args[0])(context, builder, args[0]).data
-            which = _pointer(context, builder, sig.args[1], args[1], args[2], sig.args[2])
+            which = pointer(context, builder, sig.args[1], args[1], args[2], sig.args[2])
             read = []
             for i in range(LANES):
                 number = builder.load(builder.gep(which, [ir.Constant(WORD, i)]))
@@ -207,7 +207,7 @@ def _row_loader(count: int, stride: int) -> Callable[..., Any]:
         kind = types.UniTuple(Vec(array.dtype, LANES), count)
 
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+            p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
             places = [_at(builder, p, stride * k, array.dtype, LANES) for k in range(count)]
             return _tuple(context, builder, kind, [builder.load(q, align=_bytes(array.dtype)) for q in places])
 
@@ -220,7 +220,7 @@ def _row_writer(count: int, stride: int) -> Callable[..., Any]:
     @intrinsic
     def write(typing: Any, array: Any, place: Any, rows: Any) -> Any:
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
+            p = pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
             for k in range(count):
                 value = builder.extract_value(args[2], k)
                 builder.store(value, _at(builder, p, stride * k, array.dtype, LANES), align=_bytes(array.dtype))

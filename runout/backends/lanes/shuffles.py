@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
+from numba import types
 from numba.extending import intrinsic
 
-from runout.backends.lanes.vectors import Vec, indices
+from runout.backends.lanes.memory import pointer
+from runout.backends.lanes.vectors import INDEX, LANES, Vec, indices
 
 
 def constant(lanes: Sequence[float]) -> Any:
@@ -51,3 +53,27 @@ def permutation_of_two(lanes: Sequence[int]) -> Any:
         return Vec(a.element, len(chosen))(a, b), emit
 
     return permuted
+
+
+def _each(kind: Any, number: int) -> ir.Constant:
+    return ir.Constant(kind, [number] * LANES)
+
+
+@intrinsic
+def looked_up(typing: Any, row: Any, cells: Any, place: Any) -> Any:
+    """Lanes of a ``row`` of 16 by the columns of 16 ``cells`` of a block, bytes from ``place`` on: their bits 2 to 5."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        first = pointer(context, builder, sig.args[1], args[1], args[2], sig.args[2])
+        kind = ir.VectorType(INDEX, LANES)
+        read = builder.load(builder.bitcast(first, ir.VectorType(ir.IntType(8), LANES).as_pointer()), align=1)
+        column = builder.and_(builder.lshr(builder.zext(read, kind), _each(kind, 2)), _each(kind, 15))
+        found = ir.Constant(args[0].type, ir.Undefined)
+        for k in range(LANES):
+            lane = ir.Constant(INDEX, k)
+            number = builder.extract_element(args[0], builder.extract_element(column, lane))
+            found = builder.insert_element(found, number, lane)
+        return found
+
+    known = isinstance(row, Vec) and row.lanes == LANES and cells.dtype == types.uint8
+    return (row(row, cells, place), emit) if known else None

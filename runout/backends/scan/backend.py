@@ -337,7 +337,7 @@ class ScanBackend:
                 self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, *where)
             if law.uses_area and not again:
                 self.k.sum_columns(w.grid.shared, w.columns)
-            grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
+            grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)), not again)
         if law.drags_column and self.scene.surface is not None:
             self._slow_columns(again)
 
@@ -361,7 +361,7 @@ class ScanBackend:
         columns = w.columns if self.scene.basal.law.drags_column else ()
         speed2, step, lost, refused, self.totals.moved = self.k.grid_to_particles(
             self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, columns, w.moves,
-            t.domain, grid.wet_step(self.store, t, w), self.workers.buffers, substeps == 1,
+            t.domain, grid.wet_step(self.store, t, w, substeps == 1), self.workers.buffers, substeps == 1,
         )  # fmt: skip
         grid.advance_pores(self.store, t, w)
         if refused > 0:

@@ -38,7 +38,8 @@ class Saved(NamedTuple):
 def save(parts: Saved) -> State:
     """The state between two steps; its arrays are those of the backend and change with its next step."""
     tables, store, blocks, travelled, totals, counters = parts
-    state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.") | arrays_of(store, prefix="store.")
+    state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.")
+    state |= arrays_of(store, ("pore_present",), "store.")
     state |= {f"seconds.{stage}": np.asarray(value) for stage, value in counters.seconds.items()}
     state |= arrays_of(SimpleNamespace(**blocks._asdict()), prefix="blocks.")
     particles = arrays_of(SimpleNamespace(**store.particles._asdict()), (*SCRATCH, "radius"), "particles.")

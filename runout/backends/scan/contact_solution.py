@@ -20,7 +20,7 @@ from runout.backends.lanes import in_double, load4, load16, local_array, record_
 from runout.backends.scan.contact_area import _area, _load_plan, local_plan
 from runout.backends.scan.contact_detection import BEFORE, FRICTION, GAP, NORMAL
 from runout.backends.scan.particles_to_grid import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
-from runout.backends.scan.pore_pressure import _share_of_contacts
+from runout.backends.scan.pore_pressure import _note_pores, _share_of_contacts
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
@@ -177,16 +177,16 @@ def _solve_strip(particles, blocks, contacts, columns, basal, pores, grid, dt, l
             if USES_AREA:
                 _load_plan(plan, columns, up, b)
             _meet_grid(contacts, ready, nodes, plan, columns, contacts.place[b], touching[b])
+            if WET:
+                _note_pores(contacts.drained, particles, pores, b, blocks.first[b], contacts.place[b], touching[b])
     t = local_columns(rows)
     begun = local_columns(rows)
     effective = local_effective(rows)
-    block, number = low, np.int64(0)
     for g in range(row >> 4, (row + count + 15) >> 4):
         store_4_rows(t, 0, load_felt(felt, 64 * g))
         store_4_rows(begun, 0, load_felt(given, 64 * g))
         if WET:
-            some = min(row + count - 16 * g, 16)
-            block, number = _share_of_contacts(effective, particles, blocks, contacts, pores, block, number, some)
+            _share_of_contacts(effective, contacts.drained, pores, np.uint64(g))
         _push(t, begun, contacts.measured, basal, columns, effective, g, dt)
         store_felt(felt, 64 * g, load_4_rows(t, 0))
         store_felt(given, 64 * g, load_4_rows(begun, 0))

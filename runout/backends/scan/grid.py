@@ -20,7 +20,7 @@ import numpy as np
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.contact_detection import _rows_of_thread, _shares_of_thread
 from runout.backends.scan.groups import Blocks, Buffers, ContactSearch, Pass, TimeStep
-from runout.backends.scan.pore_pressure import Pores
+from runout.backends.scan.pore_pressure import Layers, Pores
 from runout.backends.scan.state import PADDING, Store, stamp_of
 from runout.backends.scan.totals import Totals
 from runout.backends.scan.workspace import Workspace
@@ -97,11 +97,12 @@ def substep(
 
     It needs as many arenas as the transfer did before. Returns the dissipated energy [J].
     """
+    step = wet_step(store, tables, workspace, first)
 
     def run(schedule: Pass) -> float:
         w, dv = workspace, tables.constants.dv
         return float(k.substep(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, wet_step(store, tables, w),
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid.nodes, w.columns, dv, step,
             buffers, w.moves.motion, first,
         ))  # fmt: skip
 
@@ -114,40 +115,50 @@ def substep(
 
 def drain(k: SimpleNamespace, blocks: Blocks, workspace: Workspace, tables: Tables) -> None:
     """Find how fast pore pressure drains in this transfer, from the mass of the nodes; nothing in a dry scene."""
-    w, c = workspace, tables.constants
-    if w.layers:
-        k.thin_layers(blocks, w.arenas.reached, w.grid, w.layers, tables.pores, c, tables.step.dt)
+    w, c, dt = workspace, tables.constants, tables.step.dt
+    if w.layers and not (w.layers.noted == dt).any():
+        k.thin_layers(blocks, w.arenas.reached, w.grid, w.layers, tables.pores, c, dt)
+        w.layers.noted[:] = dt
 
 
-def pores_of(store: Store, tables: Tables, workspace: Workspace) -> Pores | tuple[()]:
-    """Pore pressure of the particles as kernels take it; empty in a dry scene."""
+def pores_of(store: Store, tables: Tables, workspace: Workspace, begins: bool) -> Pores | tuple[()]:
+    """Pore pressure of the particles as kernels take it, where a transfer ``begins`` or goes on; empty in a dry scene."""
     if not workspace.layers or store.pore_left is None or store.pore_excess is None:
         return ()
-    fading = workspace.layers.fading
-    return Pores(store.pore_left, store.pore_excess, tables.pores, fading, store.drains_alike(tables.pores))
+    layers, alike = workspace.layers, drains_alike(store, workspace.layers)
+    present = store.pores_by_slot(len(tables.pores), alike)
+    return Pores(store.pore_left, store.pore_excess, tables.pores, layers.fading, layers.of_block, alike, present, begins)
+
+
+def drains_alike(store: Store, layers: Layers) -> bool:
+    """Whether one number is left of the excess pressure of all particles: one release, which does not drain by its thickness."""
+    return store.pore_left is not None and len(store.pore_left) == layers.fading.shape[1] == len(layers.noted) == 1
 
 
 def advance_pores(store: Store, tables: Tables, workspace: Workspace) -> None:
     """After a substep: advance what remains of the excess by two halves of it, where that is one number for all particles."""
-    if workspace.layers and store.pore_left is not None and store.drains_alike(tables.pores):
+    if workspace.layers and store.pore_left is not None and drains_alike(store, workspace.layers):
         for _ in range(2):
             store.pore_left *= workspace.layers.fading[0, 0, 0]
 
 
-def wet_step(store: Store, tables: Tables, workspace: Workspace) -> TimeStep:
-    """What follows from the time step, with the pore pressure of the particles."""
-    return tables.step._replace(pores=pores_of(store, tables, workspace))
+def wet_step(store: Store, tables: Tables, workspace: Workspace, begins: bool) -> TimeStep:
+    """What follows from the time step, with the pore pressure of the particles (:func:`pores_of`)."""
+    return tables.step._replace(pores=pores_of(store, tables, workspace, begins))
 
 
 def push(
-    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals, stamp: Any
+    k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals, stamp: Any, begins: bool
 ) -> None:
-    """Add the impulses of the contacts to the velocities of the nodes, and book their work and impulse."""
-    w = workspace
+    """Add the impulses of the contacts to the velocities of the nodes, and book their work and impulse.
+
+    Those of the first substep of a transfer, which ``begins``, note the pore pressure of their particles.
+    """
+    w, pores = workspace, pores_of(store, tables, workspace, begins)
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, pores_of(store, tables, w), w.grid,
-            tables.step.dt, stamp, w.total,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, pores, w.grid, tables.step.dt,
+            stamp, w.total,
         )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])
     totals.basal_impulse += w.total[1:4]

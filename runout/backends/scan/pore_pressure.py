@@ -4,9 +4,11 @@
     layers.areal[c, 16]          mass by area in plan of 16 columns of nodes of block column c
     layers.upward[b, 16]         upward part of the normal of the ground at the middle columns; changes with the tiles of the ground
       --middle column of each column of cells-->
-    layers.fading[b, r, 16]      share of the excess left after half a step, for release r in 16 columns of cells of block b:
-                                 one block where no mass drains by the thickness of its layer: it is the same for all
+    layers.fading[c, r, 16]      share of the excess left after half a step, for release r in 16 columns of cells of block column c:
+                                 one where no mass drains by the thickness of its layer: it is the same for all
     pores.left, pores.excess     by particle, which never moves: the part that remains; the excess at the start, one number if alike
+    pores.present                by slot, between the substeps of a transfer: what remains, excess and release where these differ
+    contacts.drained             by contact, likewise: a contact keeps its particle during a transfer
       --fading-->
     share of the normal stress that grains carry, in the middle of a step: in contacts, and in the row EFFECTIVE of a tile
 
@@ -20,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import load4, load16, local_array, select, store
+from runout.backends.lanes import load4, load16, local_array, looked_up, select, store
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.node_columns import block_columns
 from runout.backends.scan.particles_to_grid import PLAN, heads
@@ -28,9 +30,12 @@ from runout.backends.scan.stencil import ones, zeros
 from runout.backends.scan.tile import EFFECTIVE, TILE
 from runout.model.scene import Scene
 from runout.physics.heightfield import normal_z, surface_at
-from runout.physics.pore_pressure import effective_share, layer_thickness, remaining_share
+from runout.physics.pore_pressure import drainage_rate, effective_share, layer_thickness, remaining_share, share_left
 from runout.physics.tensors import real
 
+LASTS = False  # whether the transfer goes on after this substep; the binding decides
+LEFT, SHARE, EXCESS, STAYS, CLOSES = 0, 1, 2, 3, 4  # rows of what is noted of contacts
+LEFTS, EXCESSES, RELEASES, SHARES, REST, CLOSURES = (EFFECTIVE + k for k in range(1, 7))  # rows of a tile, where WET is set
 local_numbers = local_array((64,))
 
 
@@ -40,8 +45,12 @@ class Pores(NamedTuple):
     left: np.ndarray  # (n,): the part of the excess that remains [1]; one number where all particles drain alike
     excess: np.ndarray  # (n,): ratio at the start over the one that stays [1]; one number where all particles have the same
     records: np.ndarray  # (releases,): numbers of each release
-    fading: np.ndarray  # (nown, releases, 16): share of the excess that is left after half a step [1]
+    fading: np.ndarray  # (columns, releases, 16): share of the excess that is left after half a step [1], by block column
+    of_block: np.ndarray  # as of :class:`Layers`
     alike: bool  # whether all particles drain alike
+    # (numbers, slots): within a transfer of several substeps, by slot: what remains, and excess and release where these differ
+    present: np.ndarray
+    begins: bool  # whether the substep is the first of its transfer
 
 
 class Numbers(NamedTuple):
@@ -63,6 +72,8 @@ class Layers(NamedTuple):
     # (nown, 16): upward part of the normal of the ground [1] at the middle node above each column of the cells of a block; 1
     # without ground
     upward: np.ndarray
+    # (1,): time step [s] that ``fading`` is for, where no mass drains by its thickness, else empty: it then follows each step
+    noted: np.ndarray
 
 
 def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
@@ -70,10 +81,10 @@ def layers_of(blocks: Blocks, scene: Scene) -> Layers | tuple[()]:
     if not scene.is_wet:
         return ()
     _, column, start, order = block_columns(blocks)
-    fading_blocks = blocks.nown if diffuses(scene.pore_table()) else 1
-    areal, fading = np.zeros((len(start) - 1, PLAN)), np.zeros((fading_blocks, len(scene.materials), PLAN))
+    areal, uneven = np.zeros((len(start) - 1, PLAN), scene.dtype), diffuses(scene.pore_table())
+    fading = np.zeros((len(areal) if uneven else 1, len(scene.materials), PLAN), scene.dtype)
     upward = np.ones((blocks.nown, PLAN), scene.dtype)
-    return Layers(column, start, order, areal.astype(scene.dtype), fading.astype(scene.dtype), upward)
+    return Layers(column, start, order, areal, fading, upward, np.full(0 if uneven else 1, -1.0))
 
 
 def diffuses(records: np.ndarray) -> bool:
@@ -153,41 +164,41 @@ def _fade_everywhere(fading, records, dt):
             fading[0, r, c] = share
 
 
+def _filled_block(blocks, layers, k):
+    """A block with particles in block column ``k``; -1 if there is none."""
+    for e in range(layers.start[k], layers.start[k + 1]):
+        b = np.int64(layers.parts[e])
+        if b < blocks.nown and blocks.held[b] > 0:
+            return b
+    return np.int64(-1)
+
+
+def _fade_column(blocks, layers, records, constants, b, k, dt):
+    """Fill how much of the excess is left after half a step of ``dt`` [s] above the 16 columns of cells of block ``b``."""
+    numbers, fading, upward = local_numbers(layers.areal), layers.fading, layers.upward
+    for c in range(PLAN):
+        numbers[c] = _areal_mass(layers, blocks.up, b, c)
+    for r in range(len(records)):
+        pore, density = records[r], real(constants.density[r])
+        for c in range(np.uint64(PLAN)):
+            rate = drainage_rate(layer_thickness(numbers[c], real(1.0), density, upward[np.uint64(b), c]), pore)
+            numbers[PLAN + c] = rate
+        for c in range(np.uint64(PLAN)):
+            fading[k, r, c] = share_left(numbers[PLAN + c], real(0.5) * dt)
+
+
 def thin_layers(blocks, reached, grid, layers, records, constants, dt):
-    """Find how much of the excess pressure is left after half a step of ``dt`` [s] in each column of cells that holds particles."""
-    fading = layers.fading
+    """Find how much of the excess pressure is left after half a step of ``dt`` [s] in the columns of cells that hold particles."""
     h = constants.h
     uneven = _any_diffuses(records)
     if not uneven:
-        _fade_everywhere(fading, records, dt)
+        _fade_everywhere(layers.fading, records, dt)
     for k in prange(len(layers.areal) if uneven else 0):
         _sum_column(layers, reached, blocks.down, grid, np.int64(k), h[0] * h[1])
-    for b in prange(blocks.nown if uneven else 0):
-        if blocks.held[b] > 0:
-            for c in range(PLAN):
-                if blocks.starts[b, 4 * c + 4] > blocks.starts[b, 4 * c]:
-                    mass = _areal_mass(layers, blocks.up, b, c)
-                    for r in range(len(records)):
-                        thickness = layer_thickness(mass, real(1.0), real(constants.density[r]), layers.upward[b, c])
-                        fading[b, r, c] = remaining_share(thickness, real(0.5) * dt, records[r])
-
-
-def _column(fading, b, cell):
-    """Block and column of cells of the numbers of a particle in a cell of block ``b``."""
-    return b if len(fading) > 1 else 0, (np.int64(cell) & 63) >> 2
-
-
-def _effective(pores, label, w, b, cell):
-    """Share of the normal stress that the grains of particle ``w``, in a cell of block ``b``, carry in the middle of the step.
-
-    Then what remains of the excess in the middle of the step, and the share of it that is left after half a step.
-    """
-    r = np.int64(label[w, 0]) if len(pores.records) > 1 else 0
-    excess = pores.excess[w] if len(pores.excess) > 1 else pores.excess[0]
-    place, column = _column(pores.fading, b, cell)
-    share = pores.fading[place, r, column]
-    half = share * pores.left[w if not pores.alike else 0]
-    return effective_share(excess, half, pores.records[r]), half, share
+    for k in prange(len(layers.areal) if uneven else 0):
+        b = _filled_block(blocks, layers, np.int64(k))
+        if b >= 0:
+            _fade_column(blocks, layers, records, constants, b, np.int64(k), dt)
 
 
 def _effective_of_all(pores):
@@ -195,65 +206,132 @@ def _effective_of_all(pores):
     return effective_share(pores.excess[0], pores.fading[0, 0, 0] * pores.left[0], pores.records[0])
 
 
-def _share_of_contacts(effective, particles, blocks, contacts, pores, b, q, n):
-    """Fill the share of the normal stress that grains carry at ``n`` contacts from number ``q`` of block ``b`` on.
+def _fading_of(pores, b):
+    """Row of ``pores.fading`` for the particles of block ``b``."""
+    return np.int64(pores.of_block[b]) if len(pores.fading) > 1 else np.int64(0)
 
-    Returns block and number of the next contact.
+
+def _note_pores(drained, particles, pores, b, f, row, n):
+    """As a transfer begins, note what the ``n`` contacts of a block, listed from place ``f`` on, have of the excess.
+
+    Their rows begin with ``row``. Nothing where all particles have the same pressure.
     """
-    listed, first, touching = particles.listed, blocks.first, contacts.touching
+    if not pores.begins or (pores.alike and len(pores.excess) == 1):
+        return
+    listed, particle_index, cell, fading = particles.listed, particles.particle_index, particles.cell, pores.fading
+    place = np.uint64(_fading_of(pores, b))
+    for q in range(np.uint64(n)):
+        p = np.uint64(listed[np.uint64(f) + q])
+        w = np.uint64(particle_index[p])
+        r = np.uint64(particles.label[w, 0]) if len(pores.records) > 1 else np.uint64(0)
+        g = (np.uint64(row) + q) >> np.uint64(4)
+        k = (np.uint64(row) + q) & np.uint64(15)
+        drained[g, LEFT, k] = pores.left[np.uint64(0) if pores.alike else w]
+        drained[g, SHARE, k] = fading[place, r, (np.uint64(cell[p]) & np.uint64(63)) >> np.uint64(2)]
+        drained[g, EXCESS, k] = pores.excess[w if len(pores.excess) > 1 else np.uint64(0)]
+        drained[g, STAYS, k] = pores.records[r].equilibrium
+        drained[g, CLOSES, k] = pores.records[r].closure
+
+
+def _share_of_contacts(effective, drained, pores, g):
+    """Fill the share of the normal stress that the grains of 16 contacts carry, and advance what remains of their excess."""
     if pores.alike and len(pores.excess) == 1:
-        for k in range(16):
-            effective[k] = _effective_of_all(pores)
-        return b, q
-    for k in range(n):
-        while q == touching[b]:
-            b += 1
-            q = 0
-        p = np.int64(listed[first[b] + q])
-        w = np.int64(particles.particle_index[p])
-        effective[k] = _effective(pores, particles.label, w, b, particles.cell[p])[0]
-        q += 1
-    for k in range(n, 16):
-        effective[k] = real(1.0)
-    return b, q
+        for q in range(np.uint64(16)):
+            effective[q] = _effective_of_all(pores)
+    else:
+        for q in range(np.uint64(16)):
+            share = drained[g, SHARE, q]
+            half = share * drained[g, LEFT, q]
+            effective[q] = effective_share(drained[g, EXCESS, q], half, Numbers(drained[g, STAYS, q], drained[g, CLOSES, q]))
+            drained[g, LEFT, q] = share * half
 
 
 def _fill_alike(t, particles, pores, first, count):
     """Fill the row EFFECTIVE of a tile of particles that drain alike."""
     if len(pores.excess) == 1:
         effective = _effective_of_all(pores)
-        for p in range(TILE):
+        for p in range(np.uint64(TILE)):
             t[EFFECTIVE, p] = effective
     else:
         half, pore = pores.fading[0, 0, 0] * pores.left[0], Numbers(pores.records[0].equilibrium, pores.records[0].closure)
         for p in range(count):
-            t[EFFECTIVE, p] = effective_share(pores.excess[np.int64(particles.particle_index[first + p])], half, pore)
+            w = np.uint64(particles.particle_index[first + p])
+            t[EFFECTIVE, p] = effective_share(pores.excess[w], half, pore)
 
 
-def _drain_one_release(t, particles, pores, b, first, count):
-    """As ``_drain_tile`` where all particles start alike: numbers that do not change stay in registers."""
-    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
-    pore, excess = Numbers(pores.records[0].equilibrium, pores.records[0].closure), pores.excess[0]
+def _take_numbers(t, particles, pores, first, count):
+    """Fill the rows of the numbers of a tile of particles, from those by particle."""
+    particle_index = particles.particle_index
     for p in range(count):
-        w = np.int64(particle_index[first + p])
-        place, column = _column(pores.fading, b, cell[first + p])
-        share = pores.fading[place, 0, column]
-        half = share * left[w]
-        t[EFFECTIVE, p] = effective_share(excess, half, pore)
-        left[w] = share * half
+        t[LEFTS, p] = pores.left[np.uint64(particle_index[first + p])]
+    if len(pores.excess) > 1:
+        for p in range(count):
+            t[EXCESSES, p] = pores.excess[np.uint64(particle_index[first + p])]
+    if len(pores.records) > 1:
+        for p in range(count):
+            t[RELEASES, p] = real(particles.label[np.uint64(particle_index[first + p]), 0])
+
+
+def _fetch_numbers(t, present, first, groups):
+    """The same from those by slot, in which the substep before has left them."""
+    for k in range(len(present)):
+        for g in range(groups):
+            store(t, (LEFTS + k) * TILE + 16 * g, load16(present, present.shape[1] * k + first + 16 * g))
+
+
+def _keep_numbers(t, present, first, groups, many):
+    """Leave the first rows of the numbers, so ``many``, by slot for the next substep."""
+    for k in range(many):
+        for g in range(groups):
+            store(present, present.shape[1] * k + first + 16 * g, load16(t, (LEFTS + k) * TILE + 16 * g))
+
+
+def _find_shares(t, g, cell, slot, pores, b):
+    """Fill the rows of what 16 particles from a ``slot`` on follow, which depends on their release and their place."""
+    records, fading, many = pores.records, pores.fading, len(pores.records)
+    place, nothing = PLAN * many * _fading_of(pores, b), zeros(fading)
+    share = looked_up(load16(fading, place), cell, slot)
+    stays, closes = nothing + records[0].equilibrium, nothing + records[0].closure
+    if many > 1:
+        release = load16(t, RELEASES * TILE + 16 * g)
+        for r in range(1, many):
+            own = release > nothing + (real(r) - real(0.5))
+            share = select(own, looked_up(load16(fading, place + PLAN * r), cell, slot), share)
+            stays = select(own, nothing + records[r].equilibrium, stays)
+            closes = select(own, nothing + records[r].closure, closes)
+    store(t, SHARES * TILE + 16 * g, share)
+    store(t, REST * TILE + 16 * g, stays)
+    store(t, CLOSURES * TILE + 16 * g, closes)
+    if len(pores.excess) == 1:
+        store(t, EXCESSES * TILE + 16 * g, nothing + pores.excess[0])
+
+
+def _drain_each(t, particles, pores, b, first, count):
+    """As :func:`_drain_tile` where what drains lies by particle, or, within a transfer, by slot."""
+    groups = (count + 15) >> 4
+    f, many = np.uint64(first), np.uint64(count)
+    if pores.begins:
+        _take_numbers(t, particles, pores, f, many)
+    else:
+        _fetch_numbers(t, pores.present, first, groups)
+    for g in range(groups):
+        _find_shares(t, g, particles.cell, first + 16 * g, pores, b)
+    for p in range(np.uint64(16 * groups)):
+        half = t[SHARES, p] * t[LEFTS, p]
+        t[EFFECTIVE, p] = effective_share(t[EXCESSES, p], half, Numbers(t[REST, p], t[CLOSURES, p]))
+        t[LEFTS, p] = t[SHARES, p] * half
+    if LASTS:
+        _keep_numbers(t, pores.present, first, groups, len(pores.present) if pores.begins else 1)  # one of them changes
+    else:
+        for p in range(many):
+            pores.left[np.uint64(particles.particle_index[f + p])] = t[LEFTS, p]
 
 
 def _drain_tile(t, particles, pores, b, first, count):
     """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
-    left, particle_index, cell = pores.left, particles.particle_index, particles.cell
     if pores.alike:
-        _fill_alike(t, particles, pores, first, count)
-    elif len(pores.records) == 1 and len(pores.excess) == 1:
-        _drain_one_release(t, particles, pores, b, first, count)
+        _fill_alike(t, particles, pores, np.uint64(first), np.uint64(count))
     else:
-        for p in range(count):
-            w = np.int64(particle_index[first + p])
-            t[EFFECTIVE, p], half, share = _effective(pores, particles.label, w, b, cell[first + p])
-            left[w] = share * half
-    for p in range(count, (count + 15) & ~15):
+        _drain_each(t, particles, pores, b, first, count)
+    for p in range(np.uint64(count), np.uint64((count + 15) & ~15)):
         t[EFFECTIVE, p] = real(1.0)

@@ -68,6 +68,8 @@ class Store:
     # scene
     pore_left: np.ndarray | None = None
     pore_excess: np.ndarray | None = None
+    # pore_present (numbers, slots): the same within a transfer, by slot; None before the first one that needs it
+    pore_present: np.ndarray | None = None
 
     @classmethod
     def of(cls, slots: int, end: int, n: int, scene: Scene) -> "Store":
@@ -128,9 +130,14 @@ class Store:
         )
         return left, excess
 
-    def drains_alike(self, pores: np.ndarray) -> bool:
-        """Whether one number is left of the excess pressure of all particles, by the records (releases,) of pore pressure."""
-        return self.pore_left is not None and len(self.pore_left) == 1 and _drains_in_a_time(pores)
+    def pores_by_slot(self, releases: int, alike: bool) -> np.ndarray:
+        """Place for what drains by slot within a transfer: what remains, excess and release of each particle where these differ."""
+        assert self.pore_excess is not None
+        count = 0 if alike else 3 if releases > 1 else 2 if len(self.pore_excess) > 1 else 1
+        shape = count, len(self.particles.cell) if count else 1
+        if self.pore_present is None or self.pore_present.shape != shape:
+            self.pore_present = np.zeros(shape, self.particles.rec.dtype)
+        return self.pore_present
 
     @property
     def slots(self) -> int:
@@ -166,7 +173,7 @@ class Store:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess}
+        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess, "pore_present": self.pore_present}
         pores = {name: values for name, values in own.items() if values is not None}
         return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes, **pores)
 

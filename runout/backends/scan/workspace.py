@@ -66,7 +66,7 @@ class Workspace:
             ),
             grid=Grid(_zeros(blocks.nall, 256, real), np.zeros(blocks.nall, np.bool_), _zeros(blocks.nall, 64, real)),
             contacts=Contacts(
-                *(former[:4] if former else _rows_of_contacts(0, real)),
+                *(former[:5] if former else _rows_of_contacts(0, real, scene.is_wet)),
                 np.zeros((len(former.shares) if former else 0, SHARES), real), count(), count(), count(), number(), byte(),
                 np.zeros((n, 4)),
             ),
@@ -84,8 +84,8 @@ class Workspace:
 
     def make_rows(self, wanted: int) -> None:
         """So many rows of contacts; the old ones are forgotten."""
-        rows, measured, felt, given = _rows_of_contacts(wanted, self.contacts.rows.dtype)
-        self.contacts = self.contacts._replace(rows=rows, measured=measured, felt=felt, given=given)
+        made = _rows_of_contacts(wanted, self.contacts.rows.dtype, bool(self.layers))
+        self.contacts = self.contacts._replace(**dict(zip(Contacts._fields, made, strict=False)))
 
     def make_shares(self, wanted: int) -> None:
         """Shares of so many blocks, and empty ones."""
@@ -99,10 +99,10 @@ class Workspace:
         return bytes_of(blocks, *parts, **rest)
 
 
-def _rows_of_contacts(rows: int, dtype: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _rows_of_contacts(rows: int, dtype: Any, wet: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     n = (rows + PADDING) & ~15
-    measured = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16)
-    return _zeros(n, 4, dtype), measured, _zeros(n, 4, dtype), _zeros(n, 4, dtype)
+    measured, drained = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(wet * n // 16, 80, dtype).reshape(-1, 5, 16)
+    return _zeros(n, 4, dtype), measured, _zeros(n, 4, dtype), _zeros(n, 4, dtype), drained
 
 
 def _roomy(count: int) -> int:
