@@ -12,9 +12,10 @@ def main() -> int:
     end_at_once()
     begin()
     _restart_in_utf8()
-    from runout.processes.imports import collect_rarely, hide_dask
+    from runout.processes.imports import collect_rarely, give_blas_one_thread, hide_dask
 
     collect_rarely()
+    give_blas_one_thread()
     hide_dask()
     from runout.cli import main as command
 
