@@ -24,6 +24,7 @@ from runout.backends.hash.kernels import compiled_kernels
 from runout.backends.hash.layout import FAILED, PENDING, STEPS, UNSTABLE, run
 from runout.backends.hash.loading import Loaded
 from runout.backends.hash.looks import Looks, Take
+from runout.backends.hash.node_columns import NodeColumns
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.scenes import SceneArrays, reach_of
 from runout.backends.hash.structures import Structures
@@ -80,7 +81,7 @@ class Batch:
         )  # fmt: skip
         self.graphs = Graphs(self.device, kernels.modules)
         self.present = np.ones(len(scenes), bool)
-        self.since_sort, self.looks = 0, Looks(len(scenes))
+        self.since_sort, self.looks, self.around = 0, Looks(len(scenes)), NodeColumns()
         self.sorting: Snapshot | None = None  # behind a sort of which the host does not know yet
         self.joining: list[tuple[int, Particles]] = []  # scene, and particles that wait for the next sort
         with self._on_device(sum(len(p) for _, p in scenes)):
@@ -166,7 +167,12 @@ class Batch:
             self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
             self.looks.join(scene, p)
         self.joining += more
+        self._forget()
+
+    def _forget(self) -> None:
+        """The state changes: what has been read or launched is no longer that of the present."""
         self.report.forget()
+        self.around.launched.clear()
 
     def _note_speed(self, scene: int, speed: float) -> None:
         """Let the device know of a largest speed [m/s] of a scene, from which contact is found."""
@@ -251,7 +257,8 @@ class Batch:
         with self._on_device():
             self._take_up()
             self.looks.find_mass(self.parts, self.report, self.accounts, lengths, self._finish_joining)
-        self.report.forget()
+        self._forget()
+        self.around.begin()
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
@@ -331,6 +338,8 @@ class Batch:
             self.parts.launch(name, lambda: step.enqueue(parts, substeps), int(count == 1))
             self.looks.launch(parts, self.accounts, k + 1, left)
         ready = not self.sorting or self._settle()
+        if ready and left.max() == count:
+            self._look_around()
         found, ahead = parts.status.snapshot(), ready and left.max() > count
         if ahead:
             self._rebuild()
@@ -338,6 +347,8 @@ class Batch:
         status = found.arrived()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
+        if done < count:
+            self.around.launched.clear()
         self.looks.made += np.minimum(done, left) * parts.scenes.substeps
         self._count(done, left, parts.scenes.substeps)
         self.since_sort += 0 if ahead else done
@@ -378,6 +389,7 @@ class Batch:
     def leave(self, scenes: Sequence[int]) -> None:
         """Scenes that have come to their end leave the device at the next sort; look at them before."""
         self.report.cached_ledger = None
+        self.around.launched.clear()
         with self._at_rest():
             parts = self.parts
             self.present[list(scenes)] = False
@@ -417,11 +429,24 @@ class Batch:
     def node_columns_of(self, scene: int) -> NodeSums | None:
         """Sums around nodes of the plan; None without particles."""
         with self._at_rest():
-            found = readback.node_columns(self.parts, self.report, self.accounts, scene, self.looks.window(scene))
+            if scene not in self.around.launched:
+                known = None if self.report.cached_ledger is not None else self.looks.window(scene)
+                wide = known or readback.bounds_of(self.parts, self.report, scene)
+                if wide is None:
+                    return None
+                self.around.launch(self.parts, self.accounts, scene, wide)
+            found = self.around.take(self.parts, scene)
             if found is None:
                 return None
             self.looks.note(scene, found[1])
             return found[0]
+
+    def _look_around(self) -> None:
+        """Launch the sums around nodes that the host is likely to take behind the last transfer of the series."""
+        for scene in self.around.wanted:
+            wide = self.looks.window(scene)
+            if wide is not None:
+                self.around.launch(self.parts, self.accounts, scene, wide)
 
     def plan_masses_of(self, scene: int, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) of a scene by release around nodes of the plan."""
