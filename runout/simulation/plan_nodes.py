@@ -76,10 +76,10 @@ class GroundCoefficients:
         low = [(one - 1) // TILE for one in first]
         high = [(one + n - 2) // TILE + 1 for one, n in zip(first, mass.shape, strict=True)]
         own = tuple(slice(a - begin, b - begin) for a, b, begin in zip(low, high, self.begin, strict=True))
-        for tile in np.argwhere(~self.known[own]) + low:
-            begin = [int(n) * TILE + 1 - one for n, one in zip(tile, first, strict=True)]
-            if mass[*(slice(max(n, 0), n + TILE) for n in begin)].any():
-                self._take(*tile.tolist())
+        rows, columns = ([max(n * TILE + 1 - one, 0) for n in range(a, b)] for a, b, one in zip(low, high, first, strict=True))
+        covered = np.logical_or.reduceat(np.logical_or.reduceat(mass != 0.0, rows), columns, axis=1)
+        for tile in np.argwhere(covered & ~self.known[own]) + low:
+            self._take(*tile.tolist())
 
     def _take(self, i: int, j: int) -> None:
         """Copy a tile of the ground, as far as it lies in the window."""
@@ -94,7 +94,7 @@ class GroundCoefficients:
 
 def _pooled(values: np.ndarray, size: int) -> np.ndarray:
     """Values (nx, ny) of nodes by square pools, ``size`` nodes wide: (pools, nodes); 0 beyond the window."""
-    padded = np.pad(values, [(0, -n % size) for n in values.shape])
+    padded = np.pad(values, [(0, -n % size) for n in values.shape]) if any(n % size for n in values.shape) else values
     nx, ny = padded.shape[0] // size, padded.shape[1] // size
     return padded.reshape(nx, size, ny, size).transpose(0, 2, 1, 3).reshape(nx * ny, size * size)
 
@@ -136,18 +136,18 @@ def births(
         Nodes of a pool along each axis.
     """
     count, depth = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
-    places = np.indices(owed.shape)
-    pools, room, each, rounding, i, j = (_pooled(values, size) for values in (owed, left, takes, rounding, *places))
-    due = np.maximum(pools, 0.0)
-    owing = np.flatnonzero(due.any(axis=1))
-    most = owing, pools[owing].argmax(axis=1)
-    due, each, i, j = due[owing], each[most], i[most], j[most]
-    particles = np.maximum(pools[owing].sum(axis=1), 0.0) / each + 1e-9
-    rounded = particles + rounding[owing, 0] + 0.25 * late
+    pools, across = _pooled(owed, size), -(-owed.shape[1] // size)
+    owing = np.flatnonzero((pools > 0.0).any(axis=1))
+    held = pools[owing]
+    due, most = np.maximum(held, 0.0), held.argmax(axis=1)
+    i, j = (size * pool + node for pool, node in zip(divmod(owing, across), divmod(most, size), strict=True))
+    each = takes[i, j]
+    particles = np.maximum(held.sum(axis=1), 0.0) / each + 1e-9
+    rounded = particles + rounding[::size, ::size].ravel()[owing] + 0.25 * late
     if not (rounded >= 1.0).any():
         return count, depth
     part_of_due, number = due / due.sum(axis=1, keepdims=True), np.floor(rounded)
-    fits = (part_of_due * (number * each)[:, None] <= due + room[owing] + 1e-12).all(axis=1)
+    fits = (part_of_due * (number * each)[:, None] <= due + _pooled(left, size)[owing] + 1e-12).all(axis=1)
     number = np.where(fits, number, np.floor(particles)).astype(np.int64)
     count[i, j] = number
     by_pool = np.zeros(pools.shape)

@@ -31,6 +31,7 @@ from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
 from runout.backends.loading import fastest
 from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums
+from runout.backends.waiting import wait_briefly
 from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -70,6 +71,7 @@ class Batch:
         self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False,
         dense: bool = False, more: int = 0,
     ):  # fmt: skip
+        wait_briefly()
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
@@ -268,7 +270,7 @@ class Batch:
                 if self.since_sort >= self._steps_per_sort(left):
                     self._rebuild()
                 if not np.array_equal(left, given):  # the device counts for itself
-                    self.parts.scenes.group.left.assign(left.astype(np.int32))
+                    self.parts.scenes.set_left(left)
                 done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
                 given = np.maximum(left - done, 0)
                 left = np.where(self.present, given, 0)

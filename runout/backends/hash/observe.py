@@ -17,7 +17,16 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _slopes, _strain_of
-from runout.backends.hash.groups import AroundGroup, BlockGroup, Constants, ParticleGroup, PoreGroup, SceneGroup, StatusGroup, SumGroup
+from runout.backends.hash.groups import (
+    AroundGroup,
+    BlockGroup,
+    Constants,
+    ParticleGroup,
+    PoreGroup,
+    SceneGroup,
+    StatusGroup,
+    SumGroup,
+)
 from runout.backends.hash.layout import (
     AFFINE,
     BLOCKS,
@@ -29,7 +38,6 @@ from runout.backends.hash.layout import (
     NEXT,
     OFFSET,
     VOLUME,
-    Doubles,
     Doubles2,
     Ints,
     Longs,
