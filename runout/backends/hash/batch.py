@@ -266,12 +266,13 @@ class Batch:
         with self._on_device():
             self._set_steps(np.asarray(dt, float), each, left)
             given = np.zeros_like(left)
-            while left.max() > 0 and self.parts.store.n > 0:
-                if self.since_sort >= self._steps_per_sort(left):
+            while (most := int(left.max())) > 0 and self.parts.store.n > 0:
+                between = self._steps_per_sort(left)
+                if self.since_sort >= between:
                     self._rebuild()
-                if not np.array_equal(left, given):  # the device counts for itself
+                if (left != given).any():  # the device counts for itself
                     self.parts.scenes.set_left(left)
-                done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
+                done = self._batch(min(most, between - self.since_sort), left, most)
                 given = np.maximum(left - done, 0)
                 left = np.where(self.present, given, 0)
             self.looks.deliver()
@@ -325,8 +326,8 @@ class Batch:
         cells = max(moves) / min(self.parts.scenes.scenes[0].spacing)
         return STEPS_PER_SORT if cells * STEPS_PER_SORT <= 1 else max(FEWEST, int(1 / cells))
 
-    def _batch(self, count: int, left: np.ndarray) -> int:
-        """Up to ``count`` steps without a look at the device; returns how many were done.
+    def _batch(self, count: int, left: np.ndarray, most: int) -> int:
+        """Up to ``count`` steps without a look at the device, of ``most`` that are left; returns how many were done.
 
         If more are left, the next sort is launched before the host looks: the device never waits for it. The host takes the columns
         of the steps before meanwhile; those of the last steps follow at once.
@@ -340,12 +341,12 @@ class Batch:
             self.parts.launch(name, lambda: step.enqueue(parts, substeps), int(count == 1))
             self.looks.launch(parts, self.accounts, k + 1, left)
         ready = not self.sorting or self._settle()
-        if ready and left.max() == count:
+        if ready and most == count:
             self._look_around()
-        found, ahead = parts.status.snapshot(), ready and left.max() > count
+        found, ahead = parts.status.snapshot(), ready and most > count
         if ahead:
             self._rebuild()
-        self.looks.deliver(before if left.max() > count else None)
+        self.looks.deliver(before if most > count else None)
         status = found.arrived()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
@@ -359,11 +360,12 @@ class Batch:
         broken = self.present & ~np.isfinite(peaks[:-1])
         if flags[PENDING] >= UNSTABLE:
             broken[flags[FAILED]] = True
-        for s in np.flatnonzero(broken):
+        unstable = np.flatnonzero(broken)
+        for s in unstable:
             a = self.accounts[s]
             moved = f"a particle moved {peaks[-1]:.3g} cells in step {self.counters.steps} of {a.packed_dt:.3g} s"
             self._break(int(s), f"{moved} at {a.max_speed:.3g} m/s; use a smaller cfl, or check material and terrain there")
-        if (flags[PENDING] and not ahead) or broken.any():
+        if (flags[PENDING] and not ahead) or len(unstable):
             self._rebuild()
             self._settle()
         return done

@@ -172,7 +172,8 @@ class Store:
 
     def _take_turn(self, turn: int) -> None:
         """Name the rows of a turn, and forget those that were named before, of other arrays."""
-        self.turn, self.turns = turn, {}
+        self.turn = turn
+        self.turns: dict[int, tuple[Any, Any, Any]] = {}
         first = turn * max(self.spare, 1)
         self.rec, self.radius = self.memory[first : first + ROWS], self.memory[first + ROWS if self.spare or not turn else 0]
         self.group = filled(self.struct, self)
