@@ -37,7 +37,7 @@ from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED
 from runout.release import arrangement
 from runout.simulation.bed_share import DepositMass
-from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births, rounding_of
+from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 0.5  # cells that the fastest particle may go between two updates
@@ -220,9 +220,9 @@ class ErodingBed:
         mass = (densities * self.volume).astype(self.scene.dtype).astype(np.float64)  # of a particle of each release
         takes = (mass / (self.bed.density or densities) / self.area)[releases]  # [m] of the bed
         left = self.there[part_of] - self.eroded[part_of]
-        rounding, count = rounding_of(first, owed.shape), np.zeros(owed.shape, np.int64)
+        count = np.zeros(owed.shape, np.int64)
         for size in POOL_WIDTHS[:1] if late > 0.0 else POOL_WIDTHS:
-            more, depth = births(owed, left, takes, rounding if late > 0.0 else np.zeros(owed.shape), late, size)
+            more, depth = births(owed, left, takes, first, late, size)
             owed -= depth
             count += more
         if not count.any():

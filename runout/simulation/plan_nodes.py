@@ -76,10 +76,11 @@ class GroundCoefficients:
         low = [(one - 1) // TILE for one in first]
         high = [(one + n - 2) // TILE + 1 for one, n in zip(first, mass.shape, strict=True)]
         own = tuple(slice(a - begin, b - begin) for a, b, begin in zip(low, high, self.begin, strict=True))
-        for tile in np.argwhere(~self.known[own]) + low:
-            begin = [int(n) * TILE + 1 - one for n, one in zip(tile, first, strict=True)]
-            if mass[*(slice(max(n, 0), n + TILE) for n in begin)].any():
-                self._take(*tile.tolist())
+        begins = [n * TILE + 1 - one for n, one in zip(low, first, strict=True)]  # of the first tile among the nodes
+        for i, j in np.argwhere(~self.known[own]).tolist():
+            a, b = begins[0] + TILE * i, begins[1] + TILE * j
+            if mass[max(a, 0) : a + TILE, max(b, 0) : b + TILE].any():
+                self._take(low[0] + i, low[1] + j)
 
     def _take(self, i: int, j: int) -> None:
         """Copy a tile of the ground, as far as it lies in the window."""
@@ -94,7 +95,7 @@ class GroundCoefficients:
 
 def _pooled(values: np.ndarray, size: int) -> np.ndarray:
     """Values (nx, ny) of nodes by square pools, ``size`` nodes wide: (pools, nodes); 0 beyond the window."""
-    padded = np.pad(values, [(0, -n % size) for n in values.shape])
+    padded = np.pad(values, [(0, -n % size) for n in values.shape]) if any(n % size for n in values.shape) else values
     nx, ny = padded.shape[0] // size, padded.shape[1] // size
     return padded.reshape(nx, size, ny, size).transpose(0, 2, 1, 3).reshape(nx * ny, size * size)
 
@@ -106,17 +107,19 @@ def _unpooled(pools: np.ndarray, size: int, shape: tuple[int, int]) -> np.ndarra
     return whole[: shape[0], : shape[1]]
 
 
-def rounding_of(first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
-    """What is added to the particles that a pool owes before they are rounded down, half a particle in the mean, by nodes (nx, ny).
+def _rounding_of(first: tuple[int, int], shape: tuple[int, int], size: int) -> np.ndarray:
+    """What is added to the particles that a pool owes before they are rounded down, half a particle in the mean, by pools (n,).
 
-    It differs from node to node by :data:`DITHER`, so that a flow that is the same everywhere does not grow in jumps.
+    It differs by :data:`DITHER` from pool to pool, so that a flow that is the same everywhere does not grow in jumps. The window of
+    nodes has a ``first`` one, counted from that of the plan, and a ``shape``.
     """
-    i, j = (start + np.arange(n) for start, n in zip(first, shape, strict=True))
-    return 0.5 + DITHER * (1.0 - 2.0 * ((i[:, None] * arrangement.PLASTIC[0] + j * arrangement.PLASTIC[1]) % 1.0))  # type: ignore[no-any-return]
+    i, j = (start + np.arange(0, n, size) for start, n in zip(first, shape, strict=True))
+    steps = (i[:, None] * arrangement.PLASTIC[0] + j * arrangement.PLASTIC[1]) % 1.0
+    return (0.5 + DITHER * (1.0 - 2.0 * steps)).ravel()  # type: ignore[no-any-return]
 
 
 def births(
-    owed: np.ndarray, left: np.ndarray, takes: np.ndarray, rounding: np.ndarray, late: float, size: int
+    owed: np.ndarray, left: np.ndarray, takes: np.ndarray, first: tuple[int, int], late: float, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Number of particles (nx, ny) that are born at each node, and the depth (nx, ny) [m] that each node gives for them.
 
@@ -128,26 +131,27 @@ def births(
     ----------
     owed, left, takes : ndarray (nx, ny)
         Depth [m] that nodes owe, that is not eroded yet, and that a particle takes.
-    rounding : ndarray (nx, ny)
-        Of the first node of a pool [particles]; 0: rounded down.
+    first : tuple of int
+        The first node, counted from that of the plan.
     late : float
-        [particles]
+        [particles]; 0: what pools owe is rounded down.
     size : int
         Nodes of a pool along each axis.
     """
     count, depth = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
-    places = np.indices(owed.shape)
-    pools, room, each, rounding, i, j = (_pooled(values, size) for values in (owed, left, takes, rounding, *places))
-    due = np.maximum(pools, 0.0)
-    owing = np.flatnonzero(due.any(axis=1))
-    most = owing, pools[owing].argmax(axis=1)
-    due, each, i, j = due[owing], each[most], i[most], j[most]
-    particles = np.maximum(pools[owing].sum(axis=1), 0.0) / each + 1e-9
-    rounded = particles + rounding[owing, 0] + 0.25 * late
+    pools, across = _pooled(owed, size), -(-owed.shape[1] // size)
+    owing = np.flatnonzero((pools > 0.0).any(axis=1))
+    held = pools[owing]
+    due, most = np.maximum(held, 0.0), held.argmax(axis=1)
+    i, j = (size * pool + node for pool, node in zip(divmod(owing, across), divmod(most, size), strict=True))
+    each = takes[i, j]
+    particles = np.maximum(held.sum(axis=1), 0.0) / each + 1e-9
+    rounding = _rounding_of(first, owed.shape, size)[owing] if late > 0.0 else 0.0
+    rounded = particles + rounding + 0.25 * late
     if not (rounded >= 1.0).any():
         return count, depth
     part_of_due, number = due / due.sum(axis=1, keepdims=True), np.floor(rounded)
-    fits = (part_of_due * (number * each)[:, None] <= due + room[owing] + 1e-12).all(axis=1)
+    fits = (part_of_due * (number * each)[:, None] <= due + _pooled(left, size)[owing] + 1e-12).all(axis=1)
     number = np.where(fits, number, np.floor(particles)).astype(np.int64)
     count[i, j] = number
     by_pool = np.zeros(pools.shape)

@@ -385,8 +385,9 @@ def counted(monkeypatch, action):
     return counts
 
 
+@pytest.mark.parametrize("strained", [False, True])
 @pytest.mark.parametrize("more", [1000, 0])
-def test_birth_costs_hash_two_launches_and_no_wait(monkeypatch, more):
+def test_birth_costs_hash_one_launch_and_no_wait(monkeypatch, more, strained):
     """Beside the sort that ground which falls needs anyway, whatever is there. Two births are taken up at once."""
     costs = []
     for size in ((5.0, 6.0, 2.0), (10.0, 12.0, 2.0)):
@@ -399,6 +400,8 @@ def test_birth_costs_hash_two_launches_and_no_wait(monkeypatch, more):
         for births in (0, 1, 2):
             engine.lower((25, 33), np.full((3, 3), 0.01))
             late = [mass((24.0, 33.0, 2.0), (1.0, 1.0, 0.5), 30_000 + 100 * births + 10 * k) for k in range(births)]
+            for p in late:
+                p.strain[:] = 1e-6 * strained
             waiting = counted(monkeypatch, lambda late=late, engine=engine: [engine.add(p) for p in late])
             assert not waiting
             counts.append(counted(monkeypatch, lambda engine=engine: go_on(engine, 1)))
@@ -408,7 +411,7 @@ def test_birth_costs_hash_two_launches_and_no_wait(monkeypatch, more):
         assert len(engine.particles()) == len(mass(size=size)) + 4 * 4
     assert costs[0] == costs[1]
     assert costs[0]["numpy"] == 0
-    assert costs[0]["launch"] + costs[0]["launch_tiled"] == 2  # put behind the others, and packed
+    assert costs[0]["launch"] + costs[0]["launch_tiled"] == 1 + strained  # put behind the others; stress is packed if there is any
     assert costs[0]["copy"] + costs[0]["assign"] <= 4  # one of them brings the table of first nodes
 
 
@@ -442,3 +445,51 @@ def test_sums_around_nodes_wait_once_where_the_window_of_the_mass_is_known(monke
     found.append(engine.node_columns())
     assert found[0].first == found[1].first
     np.testing.assert_array_equal(found[0].sums, found[1].sums)
+
+
+def columns_in_turn(engine, asks):
+    """Sums around nodes after each of three series, by what each call launched."""
+    running(engine, sloped(), mass(speed=3.0), 3)
+    found = []
+    for _ in range(3):
+        engine.node_columns()
+        engine.steps(DT, 2)
+        found.append(asks(engine.node_columns))
+    return found
+
+
+def test_sums_around_nodes_that_were_asked_for_come_with_the_series(monkeypatch):
+    """Nothing is launched for them then; they are those that are launched when they are asked for."""
+    engine = engine_of("hash")
+
+    def without_launch(ask):
+        found = []
+        counts = counted(monkeypatch, lambda: found.append(ask()))
+        assert counts["launch"] == counts["copy"] == 0
+        known, columns = engine.looks.window(0), found[0].sums.copy()
+        engine.around.launch(engine.parts, engine.accounts, 0, known)
+        assert engine.around.take(engine.parts, 0)[0].first == found[0].first
+        return found[0].first, columns
+
+    with_series = columns_in_turn(engine, without_launch)
+    other = engine_of("hash")
+
+    def anew(ask):
+        other.around.launched.clear()
+        found = ask()
+        return found.first, found.sums.copy()
+
+    for (first, sums), (other_first, expected) in zip(with_series, columns_in_turn(other, anew), strict=True):
+        assert first == other_first
+        np.testing.assert_array_equal(sums, expected)
+
+
+def test_sums_around_nodes_of_a_series_are_dropped_when_particles_join():
+    engine = running(engine_of("hash"), sloped(), mass(speed=3.0), 3)
+    before = engine.node_columns().sums[4].sum()
+    engine.steps(DT, 2)
+    assert engine.around.launched
+    more = mass((24.0, 33.0, 1.5), (2.0, 2.0, 0.5), 20_000)
+    engine.add(more)
+    assert not engine.around.launched
+    assert engine.node_columns().sums[4].sum() == pytest.approx(before + more.mass.sum(), rel=1e-12)

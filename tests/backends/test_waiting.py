@@ -2,7 +2,7 @@
 
 import pytest
 
-from runout.backends.scan.waiting import CHOSEN, SPINS, wait_briefly
+from runout.backends.waiting import CHOSEN, SPINS, wait_briefly
 
 
 def test_threads_sleep_soon_where_nobody_says_how_they_wait():

@@ -3,9 +3,10 @@
     memory   | particles of the last sort, and those that have gone since | join | free |     the sort that follows orders all
     joining  | place of the first, number | first node, release, 64 scene of each |
 
-Only these particles are brought to the device: two copies, and two launches that put them behind the others and pack them for the
-time step of their scene. The sort that follows gives them their cells; nobody waits for it. Places are made at load for those that
-are expected. Where they are too few, the arrays by particle grow by an eighth or more, and those by block are made anew.
+Only these particles are brought to the device: two copies, and a launch that puts them behind the others. Where they are strained,
+a second one packs their stress for the time step of their scene. The sort that follows gives them their cells; nobody waits for it.
+Places are made at load for those that are expected. Where they are too few, the arrays by particle grow by an eighth or more, and
+those by block are made anew.
 """
 
 from __future__ import annotations
@@ -59,15 +60,21 @@ def put(parts: Parts, accounts: Sequence[Account], more: Sequence[tuple[int, Par
     places = slice(store.n, store.n + many)
     store.join(np.concatenate([p.identity for _, p in more]), set(np.unique(numbers[RELEASE]).tolist()))
     run(k.take_joining, many, store.group, parts.nodes.pore_group, store.joining, wp.array(reals, dtype=scenes.number), loaded)
-    view = filled(
-        store.struct, store, rec=store.rec[:, places], release=store.release[places], key=store.joining[SCENE][1 : many + 1]
-    )
-    longer = wp.array(np.array([a.packed_dt for a in accounts]), dtype=scenes.number)
-    by_scene = filled(k.groups.BlockGroup, parts.index, member=scenes.numbers)
-    run(k.change_step, many, view, by_scene, scenes.constants, scenes.materials, longer)
+    if any(p.strain.any() for _, p in more):
+        _pack(parts, accounts, places)
     if scenes.constants.only != store.only:
         scenes.constants.only = store.only
         parts.index.generation += 1
+
+
+def _pack(parts: Parts, accounts: Sequence[Account], places: slice) -> None:
+    """Pack the stress of particles that lie at some places for the time steps of their scenes; without strain there is none."""
+    scenes, store, many = parts.scenes, parts.store, places.stop - places.start
+    rows = {"rec": store.rec[:, places], "release": store.release[places], "key": store.joining[SCENE][1 : many + 1]}
+    view = filled(store.struct, store, **rows)
+    longer = wp.array(np.array([a.packed_dt for a in accounts]), dtype=scenes.number)
+    by_scene = filled(parts.k.groups.BlockGroup, parts.index, member=scenes.numbers)
+    run(parts.k.change_step, many, view, by_scene, scenes.constants, scenes.materials, longer)
 
 
 def _numbers_of(parts: Parts, scene: int, p: Particles) -> np.ndarray:

@@ -24,12 +24,14 @@ from runout.backends.hash.kernels import compiled_kernels
 from runout.backends.hash.layout import FAILED, PENDING, STEPS, UNSTABLE, run
 from runout.backends.hash.loading import Loaded
 from runout.backends.hash.looks import Looks, Take
+from runout.backends.hash.node_columns import NodeColumns
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.scenes import SceneArrays, reach_of
 from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
 from runout.backends.loading import fastest
 from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums
+from runout.backends.waiting import wait_briefly
 from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -69,6 +71,7 @@ class Batch:
         self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False,
         dense: bool = False, more: int = 0,
     ):  # fmt: skip
+        wait_briefly()
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
@@ -80,7 +83,7 @@ class Batch:
         )  # fmt: skip
         self.graphs = Graphs(self.device, kernels.modules)
         self.present = np.ones(len(scenes), bool)
-        self.since_sort, self.looks = 0, Looks(len(scenes))
+        self.since_sort, self.looks, self.around = 0, Looks(len(scenes)), NodeColumns()
         self.sorting: Snapshot | None = None  # behind a sort of which the host does not know yet
         self.joining: list[tuple[int, Particles]] = []  # scene, and particles that wait for the next sort
         with self._on_device(sum(len(p) for _, p in scenes)):
@@ -166,7 +169,12 @@ class Batch:
             self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
             self.looks.join(scene, p)
         self.joining += more
+        self._forget()
+
+    def _forget(self) -> None:
+        """The state changes: what has been read or launched is no longer that of the present."""
         self.report.forget()
+        self.around.launched.clear()
 
     def _note_speed(self, scene: int, speed: float) -> None:
         """Let the device know of a largest speed [m/s] of a scene, from which contact is found."""
@@ -251,18 +259,20 @@ class Batch:
         with self._on_device():
             self._take_up()
             self.looks.find_mass(self.parts, self.report, self.accounts, lengths, self._finish_joining)
-        self.report.forget()
+        self._forget()
+        self.around.begin()
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
             self._set_steps(np.asarray(dt, float), each, left)
             given = np.zeros_like(left)
-            while left.max() > 0 and self.parts.store.n > 0:
-                if self.since_sort >= self._steps_per_sort(left):
+            while (most := int(left.max())) > 0 and self.parts.store.n > 0:
+                between = self._steps_per_sort(left)
+                if self.since_sort >= between:
                     self._rebuild()
-                if not np.array_equal(left, given):  # the device counts for itself
-                    self.parts.scenes.group.left.assign(left.astype(np.int32))
-                done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
+                if (left != given).any():  # the device counts for itself
+                    self.parts.scenes.set_left(left)
+                done = self._batch(min(most, between - self.since_sort), left, most)
                 given = np.maximum(left - done, 0)
                 left = np.where(self.present, given, 0)
             self.looks.deliver()
@@ -316,8 +326,8 @@ class Batch:
         cells = max(moves) / min(self.parts.scenes.scenes[0].spacing)
         return STEPS_PER_SORT if cells * STEPS_PER_SORT <= 1 else max(FEWEST, int(1 / cells))
 
-    def _batch(self, count: int, left: np.ndarray) -> int:
-        """Up to ``count`` steps without a look at the device; returns how many were done.
+    def _batch(self, count: int, left: np.ndarray, most: int) -> int:
+        """Up to ``count`` steps without a look at the device, of ``most`` that are left; returns how many were done.
 
         If more are left, the next sort is launched before the host looks: the device never waits for it. The host takes the columns
         of the steps before meanwhile; those of the last steps follow at once.
@@ -331,13 +341,17 @@ class Batch:
             self.parts.launch(name, lambda: step.enqueue(parts, substeps), int(count == 1))
             self.looks.launch(parts, self.accounts, k + 1, left)
         ready = not self.sorting or self._settle()
-        found, ahead = parts.status.snapshot(), ready and left.max() > count
+        if ready and most == count:
+            self._look_around()
+        found, ahead = parts.status.snapshot(), ready and most > count
         if ahead:
             self._rebuild()
-        self.looks.deliver(before if left.max() > count else None)
+        self.looks.deliver(before if most > count else None)
         status = found.arrived()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
+        if done < count:
+            self.around.launched.clear()
         self.looks.made += np.minimum(done, left) * parts.scenes.substeps
         self._count(done, left, parts.scenes.substeps)
         self.since_sort += 0 if ahead else done
@@ -346,11 +360,12 @@ class Batch:
         broken = self.present & ~np.isfinite(peaks[:-1])
         if flags[PENDING] >= UNSTABLE:
             broken[flags[FAILED]] = True
-        for s in np.flatnonzero(broken):
+        unstable = np.flatnonzero(broken)
+        for s in unstable:
             a = self.accounts[s]
             moved = f"a particle moved {peaks[-1]:.3g} cells in step {self.counters.steps} of {a.packed_dt:.3g} s"
             self._break(int(s), f"{moved} at {a.max_speed:.3g} m/s; use a smaller cfl, or check material and terrain there")
-        if (flags[PENDING] and not ahead) or broken.any():
+        if (flags[PENDING] and not ahead) or len(unstable):
             self._rebuild()
             self._settle()
         return done
@@ -378,6 +393,7 @@ class Batch:
     def leave(self, scenes: Sequence[int]) -> None:
         """Scenes that have come to their end leave the device at the next sort; look at them before."""
         self.report.cached_ledger = None
+        self.around.launched.clear()
         with self._at_rest():
             parts = self.parts
             self.present[list(scenes)] = False
@@ -417,11 +433,24 @@ class Batch:
     def node_columns_of(self, scene: int) -> NodeSums | None:
         """Sums around nodes of the plan; None without particles."""
         with self._at_rest():
-            found = readback.node_columns(self.parts, self.report, self.accounts, scene, self.looks.window(scene))
+            if scene not in self.around.launched:
+                known = None if self.report.cached_ledger is not None else self.looks.window(scene)
+                wide = known or readback.bounds_of(self.parts, self.report, scene)
+                if wide is None:
+                    return None
+                self.around.launch(self.parts, self.accounts, scene, wide)
+            found = self.around.take(self.parts, scene)
             if found is None:
                 return None
             self.looks.note(scene, found[1])
             return found[0]
+
+    def _look_around(self) -> None:
+        """Launch the sums around nodes that the host is likely to take behind the last transfer of the series."""
+        for scene in self.around.wanted:
+            wide = self.looks.window(scene)
+            if wide is not None:
+                self.around.launch(self.parts, self.accounts, scene, wide)
 
     def plan_masses_of(self, scene: int, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
         """Masses (releases, 2, nx, ny) of a scene by release around nodes of the plan."""

@@ -29,7 +29,7 @@ WHOLE = 2.0**62  # sums over columns are whole numbers below this
 FASTEST = 1024.0  # [m/s] of a column; sums of momentum have bits that do not depend on when the host last read the speed
 ORDER = [0, 2, 3, 4, 1]  # of sums by column, in the order of footprints: volume, momentum, mass
 SHARING = np.column_stack([footprints.SHARING, footprints.AREAS]).ravel()  # of the extent, then of the thickness
-LEAST_ROOM = 2**10  # cells
+LEAST_ROOM, LEAST_SHARE = 2**14, 2**10  # cells of all scenes, of each: small flows spread without new arrays
 LOOKS_BEFORE = 3  # for either place of the rows and since arrays were made anew, before a look is recorded as a graph
 
 
@@ -95,8 +95,9 @@ class ColumnSums:
             self.numbers.assign(self.described)
 
     def _make_room(self, cells: int, widest: int) -> None:
-        self.room, self.widest = (max(before, _rounded(n)) for before, n in ((self.room, cells), (self.widest, widest)))
         many = len(self.covered)
+        least = max(LEAST_ROOM // many, LEAST_SHARE)
+        self.room, self.widest = (max(before, _rounded(n, least)) for before, n in ((self.room, cells), (self.widest, widest)))
         self.packed = wp.zeros(many + self.lanes * self.room, dtype=wp.int64)
         if not self.spreads:
             self.raster = self.packed[many:]
@@ -188,7 +189,7 @@ def spreads_on(device: wp.Device) -> bool:
     return bool(device.is_cuda)
 
 
-def _rounded(cells: int) -> int:
-    """Cells with some room, in steps of up to a quarter: a look is recorded anew whenever arrays grow."""
-    step = max(1 << max(cells.bit_length() - 3, 0), LEAST_ROOM)
+def _rounded(cells: int, least: int) -> int:
+    """Cells with some room, in steps of up to a quarter but not less than the ``least``: a look is recorded anew as arrays grow."""
+    step = max(1 << max(cells.bit_length() - 3, 0), least)
     return -(-cells // step) * step

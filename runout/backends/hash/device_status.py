@@ -17,19 +17,21 @@ class Snapshot:
     """The status at one place among the launches; the copy to the host begins at once."""
 
     def __init__(self, status: DeviceStatus):
-        self.status, memory = status, status.memory
-        self.host = status.buffers.pop() if status.buffers else wp.empty(
-            len(memory), dtype=wp.uint8, device="cpu", pinned=memory.device.is_cuda
-        )  # fmt: skip
+        self.status, memory, is_cuda = status, status.memory, status.memory.device.is_cuda
+        if not status.buffers:
+            host = wp.empty(len(memory), dtype=wp.uint8, device="cpu", pinned=is_cuda)
+            status.buffers.append((host, wp.Event(memory.device) if is_cuda else None))
+        self.host, self.event = status.buffers.pop()
         wp.copy(self.host, memory)
-        self.event = wp.record_event() if memory.device.is_cuda else None
+        if self.event is not None:
+            wp.record_event(self.event)
 
     def arrived(self) -> dict[str, np.ndarray]:
         """All numbers, once they are on the host; to be called once."""
         if self.event is not None:
             wp.synchronize_event(self.event)
         found = self.status.parted(self.host.numpy().copy())
-        self.status.buffers.append(self.host)
+        self.status.buffers.append((self.host, self.event))
         return found
 
 
@@ -50,7 +52,7 @@ class DeviceStatus:
         self.tally, self.flags, self.counts = (self._view(name, wp.int32) for name in ("tally", "flags", "counts"))
         self.contacts, self.peaks = self._view("contacts", wp.int32), self._view("peaks", number)
         self.both = wp.array(ptr=self.memory.ptr, dtype=wp.int64, shape=1, device=self.memory.device)
-        self.buffers: list[wp.array] = []  # of the host, which copies have left
+        self.buffers: list[tuple[wp.array, Any]] = []  # of the host, which copies have left, and the events behind these
         self.group = filled(groups_of(number).StatusGroup, self)
 
     def _view(self, name: str, kind: Any) -> Any:

@@ -199,6 +199,25 @@ class SumGroup:
     ledger: Doubles2  # (scenes, 27) all that is known of a scene
 
 
+class AroundGroup:
+    """A window of nodes of the plan of a scene and sums around them; owned by :mod:`runout.backends.hash.node_columns`."""
+
+    scene: Int
+    turn: Int  # row of the bounds; the other one is made ready for the next launch
+    east: Int  # first node
+    north: Int
+    columns: Int  # nodes east
+    rows: Int  # nodes north
+    cells_east: Int  # half cells of the raster
+    cells_north: Int
+    volume: Double  # whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)]
+    mass: Double
+    momentum: Double
+    sums: Longs  # (nodes, 5) volume, mass, momentum (3) as whole numbers; 0 between two launches
+    bounds: Table2  # (2, 7) blocks of the scene with particles, their lowest and their highest coordinates
+    found: Doubles  # (7 + 5 nodes,) row of the bounds; volume, momentum (3) and mass of the nodes that hold the mass, in SI
+
+
 class Constants:
     """Numbers that all scenes of a batch share; owned by :class:`runout.backends.hash.scenes.SceneArrays`."""
 
@@ -234,7 +253,7 @@ class Search:
 
 GROUPS = (
     ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, ColumnGroup, PoreGroup, StatusGroup, SceneGroup,
-    SurfaceGroup, StructureGroup, SumGroup, Constants,
+    SurfaceGroup, StructureGroup, SumGroup, AroundGroup, Constants,
 )  # fmt: skip
 
 

@@ -76,9 +76,10 @@ class Looks:
         return self.bounds[scene] if self.travelled[scene] <= MARGIN else None
 
     def note(self, scene: int, bounds: Bounds) -> None:
-        """The mass of a scene covers nodes within ``bounds`` now."""
+        """The mass of a scene covers nodes within ``bounds`` now. A window that it cannot leave soon stays."""
         low, high = bounds
-        self._cover(scene, (low - MARGIN, high + MARGIN))
+        if self.travelled[scene] > MARGIN / 2:
+            self._cover(scene, (low - MARGIN, high + MARGIN))
 
     def _cover(self, scene: int, bounds: Bounds | None) -> None:
         self.bounds[scene], self.windows[scene], self.travelled[scene] = bounds, None, 0.0

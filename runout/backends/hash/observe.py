@@ -17,7 +17,16 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _slopes, _strain_of
-from runout.backends.hash.groups import BlockGroup, Constants, ParticleGroup, PoreGroup, SceneGroup, StatusGroup, SumGroup
+from runout.backends.hash.groups import (
+    AroundGroup,
+    BlockGroup,
+    Constants,
+    ParticleGroup,
+    PoreGroup,
+    SceneGroup,
+    StatusGroup,
+    SumGroup,
+)
 from runout.backends.hash.layout import (
     AFFINE,
     BLOCKS,
@@ -29,7 +38,6 @@ from runout.backends.hash.layout import (
     NEXT,
     OFFSET,
     VOLUME,
-    Doubles,
     Doubles2,
     Ints,
     Longs,
@@ -52,6 +60,9 @@ whole5: Any = None  # five whole numbers; the binding puts it in its place
 add_wholes: Any = None  # adds them to those at a place; likewise
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
+BOUNDS = 7  # of the blocks of a scene: their number, lowest and highest coordinates
+NOWHERE = 2**29  # beyond every block
+REACH = 5  # cells from the first of a block that its particles cover
 BOOKED = 6  # plastic dissipation, work and impulse of the ground, plastic dissipation by the second warp of a block
 
 
@@ -169,18 +180,6 @@ def sum_blocks(
             for d in range(3):
                 wp.atomic_min(sums.bounds, s, 1 + d, blocks.coordinates[b, d])
                 wp.atomic_max(sums.bounds, s, 4 + d, blocks.coordinates[b, d])
-
-
-def bound_blocks(status: StatusGroup, blocks: BlockGroup, sums: SumGroup):
-    """Number and extent of the blocks of each scene that hold particles."""
-    a = wp.tid()
-    if a < status.tally[NEXT]:
-        b = blocks.active[a]
-        s = blocks.member[b]
-        wp.atomic_add(sums.bounds, s, 0, 1)
-        for d in range(3):
-            wp.atomic_min(sums.bounds, s, 1 + d, blocks.coordinates[b, d])
-            wp.atomic_max(sums.bounds, s, 4 + d, blocks.coordinates[b, d])
 
 
 def sum_rows(status: StatusGroup, blocks: BlockGroup, rows: Doubles2, parts: int, sums: Doubles2):
@@ -371,32 +370,82 @@ def _folded(n: int, cells: int):
     return wp.where(2 * inside > cells, cells - inside, inside)
 
 
-def add_around_nodes(
-    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, window: Ints, units: Doubles, sums: Longs
-):  # fmt: skip
-    """Add each particle of a scene, a plan box of one grid cell, to the nodes (nx x ny x 5) half a cell around which it covers.
+def _bound_block(status: StatusGroup, blocks: BlockGroup, around: AroundGroup, a: int):
+    """Add the block at place ``a`` of those with particles to number and extent of the blocks of a scene."""
+    if a >= status.tally[NEXT]:
+        return
+    b = blocks.active[a]
+    if blocks.member[b] == around.scene:
+        wp.atomic_add(around.bounds, around.turn, 0, 1)
+        for d in range(3):
+            wp.atomic_min(around.bounds, around.turn, 1 + d, blocks.coordinates[b, d])
+            wp.atomic_max(around.bounds, around.turn, 4 + d, blocks.coordinates[b, d])
 
-    ``window``: first node east and north, nodes east and north, scene, half cells of its raster east and north. The sums of volume,
-    mass and momentum are whole numbers, ``units`` to one of each.
+
+def add_around_nodes(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, around: AroundGroup):
+    """Add each particle of a scene, a plan box of one grid cell, to the nodes half a cell around which it covers; bound its blocks.
+
+    The sums are whole numbers, exact in any order. Nothing is added behind a sort that found too little room.
     """
     p = wp.tid()
-    k = particles.key[p]
-    if k < 0 or blocks.member[wp.max(k, 0) >> 6] != window[4]:
+    if status.flags[HALT] == GROW:
         return
-    place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[window[4]])
+    _bound_block(status, blocks, around, p)
+    if p >= particles.key.shape[0]:
+        return
+    k = particles.key[p]
+    if k < 0 or blocks.member[wp.max(k, 0) >> 6] != around.scene:
+        return
+    place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[around.scene])
     x = int(wp.floor(place[0]))
     y = int(wp.floor(place[1]))
     east = place[0] - wp.float64(x)
     north = place[1] - wp.float64(y)
     m = wp.float64(particles.rec[MASS, p])
-    volume = m / scenes.density[int(particles.release[p])] * units[0]
+    volume = m / scenes.density[int(particles.release[p])] * around.volume
     for q in range(4):
-        i = wp.clamp(_folded(x + (q >> 1), window[5]) - window[0], 0, window[2] - 1)
-        j = wp.clamp(_folded(y + (q & 1), window[6]) - window[1], 0, window[3] - 1)
+        i = wp.clamp(_folded(x + (q >> 1), around.cells_east) - around.east, 0, around.columns - 1)
+        j = wp.clamp(_folded(y + (q & 1), around.cells_north) - around.north, 0, around.rows - 1)
         share = wp.where((q >> 1) == 1, east, wp.float64(1.0) - east) * wp.where((q & 1) == 1, north, wp.float64(1.0) - north)
         added = whole5()
         added[0] = wp.int64(wp.round(share * volume))
-        added[1] = wp.int64(wp.round(share * m * units[1]))
+        added[1] = wp.int64(wp.round(share * m * around.mass))
         for d in range(3):
-            added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * units[2]))
-        add_wholes(sums, (i * window[3] + j) * 5, added)
+            added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * around.momentum))
+        add_wholes(around.sums, (i * around.rows + j) * 5, added)
+
+
+def _clipped(n: int, cells: int):
+    """A node within the raster, which has so many half cells."""
+    return wp.min(wp.max(n, 0), cells / 2)
+
+
+def take_around_nodes(scenes: SceneGroup, around: AroundGroup):
+    """Sums of the nodes that the blocks of a scene cover to ``found``, in SI, behind the bounds of the blocks; they are zero again.
+
+    A thread for each number. The other row of the bounds is made ready for the next launch.
+    """
+    t = wp.tid()
+    total = around.sums[t]
+    around.sums[t] = wp.int64(0)
+    shift = scenes.shift[around.scene]
+    if t < BOUNDS:
+        around.found[t] = wp.float64(around.bounds[around.turn, t])
+        around.bounds[1 - around.turn, t] = wp.where(t == 0, 0, wp.where(t < 4, NOWHERE, -NOWHERE))
+    if around.bounds[around.turn, 0] == 0:
+        return
+    i = _clipped(4 * around.bounds[around.turn, 1], around.cells_east)
+    j = _clipped(4 * around.bounds[around.turn, 2] - shift, around.cells_north)
+    high_x = 4 * around.bounds[around.turn, 4] + REACH
+    high_y = 4 * around.bounds[around.turn, 5] - shift + REACH
+    columns = wp.min(wp.max(wp.min(high_x, around.cells_east / 2) - i, 0) + 1, around.columns)
+    rows = wp.min(wp.max(wp.min(high_y, around.cells_north / 2) - j, 0) + 1, around.rows)
+    node = t / 5
+    x = around.east + node / around.rows - i
+    y = around.north + node % around.rows - j
+    if x < 0 or y < 0 or x >= columns or y >= rows:
+        return
+    lane = t % 5  # volume, mass, momentum
+    unit = wp.where(lane == 0, around.volume, wp.where(lane == 1, around.mass, around.momentum))
+    place = wp.where(lane == 0, 0, wp.where(lane == 1, 4, lane - 1))
+    around.found[BOUNDS + (place * columns + x) * rows + y] = wp.float64(total) * (wp.float64(1.0) / unit)

@@ -13,13 +13,13 @@ import warp as wp
 
 from runout.backends import footprints
 from runout.backends.hash.account import Account
-from runout.backends.hash.columns import ORDER, WHOLE, units_of
+from runout.backends.hash.columns import WHOLE
 from runout.backends.hash.groups import filled
 from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_each
 from runout.backends.hash.limits import require_index
-from runout.backends.hash.observe import BOOKED, SUMS
+from runout.backends.hash.observe import BOOKED, NOWHERE, REACH, SUMS
 from runout.backends.hash.parts import Parts
-from runout.backends.protocol import LedgerRow, NodeSums, RasterSums
+from runout.backends.protocol import LedgerRow, RasterSums
 from runout.model.particles import ARRAYS, Particles
 
 ROW_LANES, FEWEST_LANES = 2**14, 2**11  # threads of a GPU that look for particles that have gone: for one scene, for many
@@ -28,10 +28,8 @@ ROWS_BEFORE = 3  # for either place of the particles and since arrays were made 
 CHUNK = 2**18  # particles that are brought to the host at once
 KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
 LEDGER_NUMBERS = KEPT + SUMS + 7  # numbers of a scene; the last are blocks with particles and their extent
-NO_BLOCKS = np.array([0, *[2**29] * 3, *[-(2**29)] * 3])
+NO_BLOCKS = np.array([0, *[NOWHERE] * 3, *[-NOWHERE] * 3])
 Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
-WORDS = 4  # of 8 bytes, which hold number and extent of the blocks of a scene
-REACH = 5  # cells from the first of a block that its particles cover
 
 
 class Report:
@@ -79,13 +77,6 @@ class Report:
             parts.launch(("ledger", parts.store.turn, parts.generation), lambda: self._enqueue(parts), ROWS_BEFORE)
             self.cached_ledger = self.group.ledger.numpy()
         return self.cached_ledger
-
-    def bound(self, parts: Parts, scene: int, words: wp.array) -> None:
-        """Launches that find number and extent of the blocks of a scene, seven whole numbers in the memory of ``words``."""
-        wp.copy(self.group.bounds, self.no_blocks)
-        run(parts.k.bound_blocks, parts.index.capacity, parts.status.group, parts.index.block_group, self.group)
-        row = wp.array(ptr=words.ptr, dtype=wp.int32, shape=len(NO_BLOCKS), device=words.device)
-        wp.copy(row, self.group.bounds[scene])
 
     def _enqueue(self, parts: Parts) -> None:
         """Launches of a row of the ledger of each scene."""
@@ -186,46 +177,6 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
     return dict.fromkeys(bounds, footprints.nothing()) | columns
 
 
-def node_columns(
-    parts: Parts, report: Report, accounts: Sequence[Account], scene: int, wide: Bounds | None
-) -> tuple[NodeSums, Bounds] | None:
-    """Sums around nodes of the plan over a window that holds all mass of a scene, and the nodes that it covers; None without any.
-
-    The host waits once if it knows a ``wide`` window that holds the mass.
-    """
-    s = parts.scenes.scenes[scene]
-    if wide is None or report.cached_ledger is not None:
-        wide = bounds_of(parts, report, scene)
-    if wide is None:
-        return None
-    cells = footprints.lattice_shape(s.raster, footprints.lattice_cell(s))[::-1]
-    (i, j), (nx, ny) = _nodes_within(wide, cells)
-    require_index(5 * nx * ny, "sums around nodes")
-    window = wp.array(np.array([i, j, nx, ny, scene, *cells], np.int32), dtype=wp.int32)
-    units = np.array(units_of(accounts[scene], s))
-    sums = wp.zeros(5 * nx * ny + WORDS, dtype=wp.int64)
-    groups = parts.store.group, parts.index.block_group, parts.scenes.group
-    run(parts.k.add_around_nodes, parts.store.size, *groups, window, wp.array(units, dtype=wp.float64), sums)
-    report.bound(parts, scene, sums[5 * nx * ny :])
-    numbers = _brought_down(parts, sums)
-    bounds = _bounds(parts, scene, numbers[-WORDS:].view(np.int32)[: 2 * WORDS - 1])
-    if bounds is None:
-        return None
-    first, shape = _nodes_within(bounds, cells)
-    own = numbers[:-WORDS].reshape(nx, ny, 5)[first[0] - i :, first[1] - j :][: shape[0], : shape[1]]
-    columns = np.empty((5, *shape))
-    for lane, (place, unit) in enumerate(zip(ORDER, units[[0, 2, 2, 2, 1]], strict=True)):
-        np.multiply(own[..., place], 1.0 / unit, out=columns[lane])
-    return NodeSums(first, columns), bounds
-
-
-def _nodes_within(bounds: Bounds, cells: Sequence[int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First node and number of nodes east and north of a window, as far as it lies on a lattice of so many half cells."""
-    (low, high), (x, y) = ([int(n) for n in end] for end in bounds), (n // 2 for n in cells)
-    i, j = min(max(low[0], 0), x), min(max(low[1], 0), y)
-    return (i, j), (max(min(high[0], x) - i, 0) + 1, max(min(high[1], y) - j, 0) + 1)
-
-
 def _brought_down(parts: Parts, sums: wp.array) -> np.ndarray:
     """Whole numbers on the host; they stay there until the next are brought."""
     held = parts.buffers.lend(len(sums), sums.device.is_cuda)
@@ -253,10 +204,10 @@ def plan_masses(
 
 def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:
     """Lowest and highest node (2,) in plan that the particles cover, ``margin`` nodes farther out; None without particles."""
-    return _bounds(parts, scene, report.rows(parts)[scene, -7:], margin)
+    return bounds_in(parts, scene, report.rows(parts)[scene, -7:], margin)
 
 
-def _bounds(parts: Parts, scene: int, row: np.ndarray, margin: int = 0) -> Bounds | None:
+def bounds_in(parts: Parts, scene: int, row: np.ndarray, margin: int = 0) -> Bounds | None:
     """The same from number and extent (7,) of the blocks of the scene."""
     low, high = 4 * row[1:].reshape(2, 3)[:, :2].astype(np.int64)
     if low[0] > high[0]:

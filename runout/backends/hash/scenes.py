@@ -104,6 +104,13 @@ class SceneArrays:
         """Blocks that a run can address; ``ordered``: sums have a fixed order."""
         return limits.largest_blocks(ordered, self.scenes[0].basal.law, self.mixed, self.substepped)
 
+    def set_left(self, left: np.ndarray) -> None:
+        """Bring the numbers (scenes,) of transfers that are left to the device; one number needs no copy from the host."""
+        if len(left) == 1:
+            self.group.left.fill_(int(left[0]))
+        else:
+            self.group.left.assign(left.astype(np.int32))
+
     def set_steps(self, now: np.ndarray, substeps: np.ndarray | None = None) -> None:
         """Time steps [s] of the scenes and the ``substeps`` of their transfers (1) to the device, and what depends on them."""
         first, clock = self.scenes[0], np.zeros((len(now), CLOCK))

@@ -171,7 +171,9 @@ class Store:
             self.taken_up = False
 
     def _take_turn(self, turn: int) -> None:
+        """Name the rows of a turn, and forget those that were named before, of other arrays."""
         self.turn = turn
+        self.turns: dict[int, tuple[Any, Any, Any]] = {}
         first = turn * max(self.spare, 1)
         self.rec, self.radius = self.memory[first : first + ROWS], self.memory[first + ROWS if self.spare or not turn else 0]
         self.group = filled(self.struct, self)
@@ -229,8 +231,14 @@ class Store:
             run(k.gather_rows, self.size, index.status.group, self.group, index.block_group, source, target)
 
     def turn_over(self) -> None:
-        """The rows lie in the other places now: after a sort, or again if it moved nothing."""
-        self._take_turn(1 - self.turn)
+        """The rows lie in the other places now: after a sort, or again if it moved nothing. Each turn is named once."""
+        turns = self.turns | {self.turn: (self.rec, self.radius, self.group)}
+        turn = 1 - self.turn
+        if turn in turns:
+            self.turn, (self.rec, self.radius, self.group) = turn, turns[turn]
+        else:
+            self._take_turn(turn)
+        self.turns = turns
 
     def brought(self, where: Any, node: Any, affine: Any, steps: int) -> Particles:
         """Particles at the places ``where`` (n,) in memory after so many steps, without identity."""

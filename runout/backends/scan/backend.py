@@ -34,10 +34,10 @@ from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_o
 from runout.backends.scan.structures import Structures
 from runout.backends.scan.totals import Totals, add_up
 from runout.backends.scan.unloading import unloaded
-from runout.backends.scan.waiting import wait_briefly
 from runout.backends.scan.workers import Workers
 from runout.backends.scan.workspace import Workspace
 from runout.backends.state import State, put_arrays
+from runout.backends.waiting import wait_briefly
 from runout.errors import ConfigError, StabilityError
 from runout.model.particle_source import ParticleSource, slices
 from runout.model.particles import Particles, joined_mean, node_range, require_index_range

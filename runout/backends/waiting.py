@@ -12,7 +12,8 @@ def wait_briefly(environment: MutableMapping[str, str] = os.environ) -> None:
 
     A waiting thread that loops keeps its core. Where other programs use cores too, that may be the core of the thread it waits for:
     each parallel part of a step then lasts as long as the loop. The time set here is longer than the time between two parallel
-    parts of a step. The library reads the variable when numba first calls a parallel kernel.
+    parts of a step. Beside a GPU the host has a parallel part every few milliseconds, when it raises the maps: threads would loop
+    all the time. The library reads the variable when numba first calls a parallel kernel.
     """
     if not any(name in environment for name in CHOSEN):
         environment["GOMP_SPINCOUNT"] = str(SPINS)
