@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import load4, load16, local_array, looked_up, select, store
+from runout.backends.lanes import load4, load16, local_array, looked_up, prefetch, select, store
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.node_columns import block_columns
 from runout.backends.scan.particles_to_grid import PLAN, heads
@@ -36,6 +36,7 @@ from runout.physics.tensors import real
 LASTS = False  # whether the transfer goes on after this substep; the binding decides
 LEFT, SHARE, EXCESS, STAYS, CLOSES = 0, 1, 2, 3, 4  # rows of what is noted of contacts
 LEFTS, EXCESSES, RELEASES, SHARES, REST, CLOSURES = (EFFECTIVE + k for k in range(1, 7))  # rows of a tile, where WET is set
+SLOTS_AHEAD = 128  # slots from the one that is read to the one that is prefetched
 local_numbers = local_array((64,))
 
 
@@ -276,7 +277,9 @@ def _fetch_numbers(t, present, first, groups):
     """The same from those by slot, in which the substep before has left them."""
     for k in range(len(present)):
         for g in range(groups):
-            store(t, (LEFTS + k) * TILE + 16 * g, load16(present, present.shape[1] * k + first + 16 * g))
+            place = present.shape[1] * k + first + 16 * g
+            prefetch(present, place + SLOTS_AHEAD)
+            store(t, (LEFTS + k) * TILE + 16 * g, load16(present, place))
 
 
 def _keep_numbers(t, present, first, groups, many):
