@@ -171,9 +171,9 @@ class NumbaBinding:
         alone = {"forceinline": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         self.inlined: dict[str, Any] = {**self.options, **alone}
         names = {"real": real, "i64": numba.int64, "prange": numba.prange}
-        for name in CONSTRUCTORS:
-            names[name] = numba.njit(forceinline=True, **self.options)(getattr(tensors, name))
         inline = numba.njit(**self.inlined)
+        for name in CONSTRUCTORS:
+            names[name] = inline(getattr(tensors, name))
         spaces, self._compiled = _bind(PHYSICS, names, inline)
         self.names = names
         self._laws: dict[Law | FrictionLaw, SimpleNamespace] = {}

@@ -13,8 +13,9 @@ from scenes import ROCK, SAND, box, plane, scene
 
 from runout.backends.compile import cache_root
 from runout.backends.scan import ahead, precompile
-from runout.backends.scan.backend import PARTS, ScanBackend
+from runout.backends.scan.backend import OF_SUBSTEPS, PARTS, ScanBackend
 from runout.backends.scan.kernels import kernels_for
+from runout.backends.scan.warm_up import TOGETHER
 from runout.model.particles import Particles
 
 IN_OWN_PROCESS = precompile._warm_up_elsewhere  # workers of pytest compile all variants in one process
@@ -59,6 +60,11 @@ def test_kernels_compiled_ahead_have_the_types_of_a_run():
     for part in reversed(PARTS):
         empty.pass_part(part, a_scene.stable_step(1.0))
     assert {name: set(kernels[name].signatures) for name in of_the_run} == of_the_run
+
+
+def test_each_part_of_a_transfer_is_compiled_by_one_process():
+    """Two processes that compile kernels with the same inlined functions compile these twice."""
+    assert sorted(name for names in TOGETHER for name in names) == sorted((*PARTS, *OF_SUBSTEPS))
 
 
 def test_what_is_cached_is_not_compiled_again(monkeypatch):

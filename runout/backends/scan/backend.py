@@ -48,8 +48,8 @@ from runout.physics.substeps import time_ahead
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
 TILE_NODES = 6  # along each side of the ground under a block
-PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload", "pack"  # the longest to compile come first
-OF_SUBSTEPS = ("substep",)  # part of scenes with several substeps, which takes longer still
+PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload", "pack"  # of a transfer and what follows it
+OF_SUBSTEPS = ("substep",)  # part of scenes with several substeps
 
 
 def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":

@@ -38,6 +38,8 @@ SUBSTEPS = 3  # of the scenes that have several; every other transfer has one
 WET = PorePressure(ratio=0.5, decay_time=1.0)
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
+# parts of a transfer whose kernels inline the same functions, for one process; the longest come first
+TOGETHER = ("substep", "to_particles"), ("to_grid",), ("sums", "change_step", "unload"), ("contacts",), ("sort", "pack")
 
 
 def _job() -> tuple[Scene, Particles, str, Path]:
@@ -76,13 +78,13 @@ def warm_up_ahead() -> None:
 def _parts(scene: Scene, particles: Particles) -> dict[str, Callable[[], object]]:
     """Parts of the kernels, by what calls them; the first is called by others, the longest of the others come first."""
     loaded, empty = (cache(partial(_loaded, scene, p)) for p in (particles, Particles.zeros(0)))
-    parts = (*OF_SUBSTEPS, *PARTS) if scene.substeps > 1 else PARTS
-    of_steps = {name: partial(_pass, empty, name, scene.stable_step(SPEED)) for name in parts}
+    called = (*OF_SUBSTEPS, *PARTS) if scene.substeps > 1 else PARTS
+    groups = [[name for name in names if name in called] for names in TOGETHER]
+    of_steps = {names[0]: partial(_pass, empty, names, scene.stable_step(SPEED)) for names in groups}
     footprints = partial(lattice_columns, scene, particles, particles.volume[0])
     fill = partial(_fill_release, scene)
-    sums = {"columns": lambda: loaded().columns(), "lattice": lambda: loaded().lattice_columns()}
     dense = partial(_loaded, scene, particles, "dense")
-    return {"load": loaded, **of_steps, "footprints": footprints, "release": fill, **sums, "dense": dense}
+    return {"load": loaded, **of_steps, "footprints": footprints, "release": fill, "columns": partial(_sum, loaded), "dense": dense}
 
 
 def _loaded(scene: Scene, particles: Particles, index: str = "sparse") -> ScanBackend:
@@ -91,8 +93,13 @@ def _loaded(scene: Scene, particles: Particles, index: str = "sparse") -> ScanBa
     return engine
 
 
-def _pass(engine: Callable[[], ScanBackend], part: str, dt: float) -> None:
-    engine().pass_part(part, dt)
+def _pass(engine: Callable[[], ScanBackend], parts: list[str], dt: float) -> None:
+    for part in parts:
+        engine().pass_part(part, dt)
+
+
+def _sum(engine: Callable[[], ScanBackend]) -> None:
+    engine().columns(), engine().lattice_columns()
 
 
 def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
