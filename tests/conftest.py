@@ -3,6 +3,7 @@
 import importlib.util
 import logging
 import os
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -75,3 +76,12 @@ def opengl(drawable):
         process.drawn_by()
     except RenderError as error:
         not_here(f"nothing can be drawn here: {error}")
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """For a test that opens a page."""
+    tried = [sys.executable, "-c", "from PyQt6 import QtWebEngineWidgets"]
+    done = subprocess.run(tried, capture_output=True, text=True, check=False)
+    if done.returncode:
+        not_here(f"no page can be opened here: {done.stderr.strip().splitlines()[-1]}")

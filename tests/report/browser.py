@@ -2,16 +2,13 @@
 
 import asyncio
 import json
-import os
 import subprocess
 import sys
 import time
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import pytest
 from tornado.websocket import websocket_connect
 
 ENGINE = Path(__file__).with_name("web_engine.py")
@@ -20,17 +17,6 @@ OWN = ("file:", "data:", "blob:", "about:")
 PDF = "printed.pdf"
 LARGEST_MESSAGE = 1 << 28  # bytes; a picture of a page comes in one message
 WAIT = 60.0  # [s] for a page, and for a print
-
-
-@cache
-def fault() -> str:
-    """Why no page can be opened; empty if one can."""
-    tried = [sys.executable, "-c", "from PyQt6 import QtWebEngineWidgets"]
-    done = subprocess.run(tried, capture_output=True, text=True, check=False)
-    return f"needs PyQt6-WebEngine: {done.stderr.strip().splitlines()[-1]}" if done.returncode else ""
-
-
-needs_browser = pytest.mark.skipif(not os.environ.get("CI") and bool(fault()), reason=fault())
 
 
 class Page:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 import xarray as xr
-from browser import READY, Page, needs_browser
+from browser import READY, Page
 
 from runout.errors import InputError
 from runout.report import explorer_members
@@ -290,7 +290,7 @@ def pixel_of(page, x, y):
     )
 
 
-@needs_browser
+@pytest.mark.usefixtures("browser")
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
 def test_browser_shows_the_value_of_each_map_without_a_request(study, made, tmp_path, width, dark):
     with Page(tmp_path, width, dark=dark) as page:
@@ -316,7 +316,7 @@ def test_browser_shows_the_value_of_each_map_without_a_request(study, made, tmp_
         assert page.errors == page.requests == []
 
 
-@needs_browser
+@pytest.mark.usefixtures("browser")
 def test_browser_reads_each_map_and_opens_each_list_by_its_controls(made, tmp_path):
     with Page(tmp_path) as page:
         page.open(written(made, tmp_path / "map.html"), READY)
@@ -408,7 +408,7 @@ def test_profile_opens_its_section(study, site, tmp_path, results):
     assert details["charts"][1]["lines"][0]["y"][-1] == pytest.approx(4.0)
 
 
-@needs_browser
+@pytest.mark.usefixtures("browser")
 def test_pointer_on_a_mark_shows_its_label_as_text_and_a_click_opens_it(study, site, tmp_path):
     from shapely import Point
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pypdfium2 as pdfium
 import pytest
-from browser import READY, Page, needs_browser
+from browser import READY, Page
 from PIL import Image
 
 from runout.report.html import write_report
 
 AXE = find_spec("axe_core_python")
 LEAST_CHECKS = 15  # of axe, that find something to check on the page
-pytestmark = needs_browser
+pytestmark = pytest.mark.usefixtures("browser")
 WIDE = """(() => {
     const beyond = (element) => element.getBoundingClientRect().right > document.documentElement.clientWidth + 1;
     const own = (element) => !element.closest(".scroll, .explorer, svg, .skip");
