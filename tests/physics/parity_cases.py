@@ -200,6 +200,8 @@ CASES = [
     Case(pore_pressure.equilibrium_ratio, "ss", "s", (share, between(500, 3000))),
     Case(pore_pressure.diffusion_rate, "s", "s", (step,)),
     Case(pore_pressure.layer_thickness, "ssss", "s", (between(0.1, 50.0), area, between(500, 3000), share)),
+    Case(pore_pressure.drainage_rate, "sm", "s", (area,)),
+    Case(pore_pressure.share_left, "ss", "s", (between(0.0, 2.0), step)),
     Case(pore_pressure.remaining_share, "ssm", "s", (area, step)),
     Case(pore_pressure.pore_ratio, "ssm", "s", (between(-0.4, 0.5), share)),
     Case(pore_pressure.effective_share, "ssm", "s", (between(-0.4, 0.5), share)),
