@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 WORKERS_TAKE_ALL_CORES = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")) >= len(os.sched_getaffinity(0))
-if WORKERS_TAKE_ALL_CORES:  # before numpy is imported: threads of OpenBLAS that wait for a core make small matrices 20 times slower
+if WORKERS_TAKE_ALL_CORES:  # before numpy is imported: threads of OpenBLAS would wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 

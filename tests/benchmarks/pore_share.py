@@ -99,7 +99,7 @@ class Timed:
 
 def compare(cases: list[str], particles: int, steps: int, substeps: int) -> None:
     """Measure and print one table."""
-    found: dict[str, list[dict[str, list[float]]]] = {case: [defaultdict(list), defaultdict(list)] for case in cases}
+    times_of: dict[str, list[dict[str, list[float]]]] = {case: [defaultdict(list), defaultdict(list)] for case in cases}
     for _ in range(ROUNDS):
         runs = {case: [Timed(case, wet, particles, substeps) for wet in (False, True)] for case in cases}
         for turn in range(steps // ROUNDS):
@@ -107,13 +107,13 @@ def compare(cases: list[str], particles: int, steps: int, substeps: int) -> None
                 for run in runs[case][:: 1 - 2 * (turn // 2 % 2)]:
                     run.step()
         for case in cases:
-            for run, kept in zip(runs[case], found[case], strict=True):
+            for run, times in zip(runs[case], times_of[case], strict=True):
                 for name in SHOWN:
-                    kept[name] += run.seconds[name]
+                    times[name] += run.seconds[name]
     print(f"transfers of {substeps}; {runs[cases[0]][0].n} particles; ns a particle and substep")
     print(f"{'case':>12} {'':>14}", *(f"{name:>18}" for name in SHOWN), f"{'% of a step':>18}")
-    for case, (dry, wet) in found.items():
-        a, b = ({name: np.array(kept[name]) for name in SHOWN} for kept in (dry, wet))
+    for case, (dry, wet) in times_of.items():
+        a, b = ({name: np.array(times[name]) for name in SHOWN} for times in (dry, wet))
         lowest = {name: b[name].min() - a[name].min() for name in SHOWN}
         paired = {name: float(np.median(b[name] - a[name])) for name in SHOWN}
         base = {name: a[name].min() for name in SHOWN}

@@ -43,7 +43,7 @@ class NodeColumns:
     """
 
     def __init__(self) -> None:
-        self.held: dict[int, _Held] = {}
+        self.arrays: dict[int, _SumArrays] = {}
         self.launched: dict[int, LaunchedNodes] = {}
         self.lent: dict[int, Any] = {}
         self.asked: set[int] = set()
@@ -62,19 +62,19 @@ class NodeColumns:
         cells = half_cells(s)
         (i, j), (nx, ny) = nodes_within(wide, cells)
         require_index(LANES * nx * ny, "sums around nodes")
-        held = self.held.get(scene)
-        if held is None or held.room < nx * ny:
-            held = self.held[scene] = _Held(parts.k.groups, nx * ny)
-        group = held.window(scene, (i, j, nx, ny, *cells), units_of(accounts[scene], s))
+        arrays = self.arrays.get(scene)
+        if arrays is None or arrays.room < nx * ny:
+            arrays = self.arrays[scene] = _SumArrays(parts.k.groups, nx * ny)
+        group = arrays.window(scene, (i, j, nx, ny, *cells), units_of(accounts[scene], s))
         groups = parts.status.group, parts.store.group, parts.index.block_group, parts.scenes.group
         run(parts.k.add_around_nodes, max(parts.store.size, parts.index.capacity), *groups, group)
         run(parts.k.take_around_nodes, LANES * nx * ny, parts.scenes.group, group)
-        size, is_cuda = BOUNDS + LANES * nx * ny, held.packed.device.is_cuda
+        size, is_cuda = BOUNDS + LANES * nx * ny, arrays.packed.device.is_cuda
         host = parts.buffers.lend(size, is_cuda)
         if scene in self.lent:
             parts.buffers.take_back(self.lent[scene])
         self.lent[scene] = host
-        wp.copy(host, held.packed, count=size)
+        wp.copy(host, arrays.packed, count=size)
         self.launched[scene] = LaunchedNodes(host, cells, wp.record_event() if is_cuda else None)
 
     def take(self, parts: Parts, scene: int) -> tuple[NodeSums, Bounds] | None:
@@ -83,7 +83,7 @@ class NodeColumns:
         return self.launched.pop(scene).arrived(parts, scene)
 
 
-class _Held:
+class _SumArrays:
     """Arrays of a scene on the device of the scope, with room for so many nodes."""
 
     def __init__(self, groups: SimpleNamespace, room: int):
