@@ -50,7 +50,7 @@ def show_dask() -> None:
 def imported_meanwhile(modules: Sequence[str]) -> Iterator[None]:
     """Context in which a thread imports ``modules``; its end waits for the one that is being imported, and leaves out the rest.
 
-    While worker processes compute members, the command imports what makes its products: it takes 0.9 s, for which nobody waits.
+    While worker processes compute members, the command imports what makes its products: it takes 1.3 s, for which nobody waits.
     """
     ended = threading.Event()
     thread = threading.Thread(target=_import, args=(modules, ended), daemon=True)

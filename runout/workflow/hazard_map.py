@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("runout.hazard_map")
 OF_PRODUCTS = (
-    *("netCDF4", "xarray", "rasterio", "geopandas", "matplotlib.figure", "matplotlib.backends.backend_agg", "jinja2"),
+    *("netCDF4", "xarray", "rasterio", "geopandas", "scipy.stats", "pystac"),
+    *("matplotlib.figure", "matplotlib.backends.backend_agg", "jinja2"),
     *("runout.hazard.products", "runout.report.html"),
 )  # modules of the stages hazard and report
 
