@@ -20,7 +20,6 @@ from runout.backends.hash.layout import run
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.spreading import LANES, NUMBERS
 from runout.backends.protocol import RasterSums
-from runout.backends.waiting import wait_for
 from runout.model.scene import Scene
 
 if TYPE_CHECKING:
@@ -146,7 +145,7 @@ class LaunchedColumns:
         They may lie in memory that :meth:`release` gives back.
         """
         if self.event is not None:
-            wait_for(self.event)
+            wp.synchronize_event(self.event)
         numbers = self.host.numpy()
         return {n: (int(numbers[n]), self._columns(n, numbers)) for n in self.lattices}
 

@@ -9,7 +9,6 @@ import warp as wp
 
 from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import COUNTS, FLAGS, TALLY
-from runout.backends.waiting import wait_for
 
 LINE = 256  # bytes: a part has cache lines of its own, so that atomic sums to one do not delay reads of another
 
@@ -30,7 +29,7 @@ class Snapshot:
     def arrived(self) -> dict[str, np.ndarray]:
         """All numbers, once they are on the host; to be called once."""
         if self.event is not None:
-            wait_for(self.event)
+            wp.synchronize_event(self.event)
         found = self.status.parted(self.host.numpy().copy())
         self.status.buffers.append((self.host, self.event))
         return found

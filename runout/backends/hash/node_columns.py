@@ -25,7 +25,6 @@ from runout.backends.hash.observe import BOUNDS
 from runout.backends.hash.readback import NO_BLOCKS, Bounds, bounds_in
 from runout.backends.hash.spreading import LANES
 from runout.backends.protocol import NodeSums
-from runout.backends.waiting import wait_for
 from runout.model.scene import Raster, Scene
 
 if TYPE_CHECKING:
@@ -113,7 +112,7 @@ class LaunchedNodes:
     def arrived(self, parts: Parts, scene: int) -> tuple[NodeSums, Bounds] | None:
         """The sums and the nodes that the scene covers, once they are on the host; None without any."""
         if self.event is not None:
-            wait_for(self.event)
+            wp.synchronize_event(self.event)
         numbers = self.host.numpy().view(np.float64)
         bounds = bounds_in(parts, scene, numbers[:BOUNDS])
         if bounds is None:

@@ -20,7 +20,6 @@ from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOOKED, NOWHERE, REACH, SUMS
 from runout.backends.hash.parts import Parts
 from runout.backends.protocol import LedgerRow, RasterSums
-from runout.backends.waiting import wait_for
 from runout.model.particles import ARRAYS, Particles
 
 ROW_LANES, FEWEST_LANES = 2**14, 2**11  # threads of a GPU that look for particles that have gone: for one scene, for many
@@ -183,7 +182,7 @@ def _brought_down(parts: Parts, sums: wp.array) -> np.ndarray:
     held = parts.buffers.lend(len(sums), sums.device.is_cuda)
     wp.copy(held, sums, count=len(sums))
     if sums.device.is_cuda:
-        wait_for(wp.record_event())
+        wp.synchronize_event(wp.record_event())
     parts.buffers.take_back(held)
     return held.numpy()[: len(sums)]  # type: ignore[no-any-return]
 
