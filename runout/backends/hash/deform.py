@@ -9,6 +9,7 @@ from runout.backends.hash.layout import (
     CELL_LANES,
     HISTORY,
     MOMENTUM,
+    PITCH,
     STRAIN,
     WET,
     WIDE_X,
@@ -94,19 +95,19 @@ def _gather(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int):
     return v, x, y, z
 
 
-def _held(room: Tile, staged: int, n: int):
-    """Number ``n`` of the slot that begins at place ``staged``, see :mod:`runout.backends.hash.shared_memory`."""
-    return room[staged + n * CELL_LANES]
+def _held(room: Tile, staged: int, apart: int, n: int):
+    """Number ``n`` of the record that begins at place ``staged``, see :mod:`runout.backends.hash.shared_memory`."""
+    return room[staged + n * apart]
 
 
-def _particle_of(room: Tile, staged: int):
-    """Mass [kg], volume [m3], history, strain and offset of a particle from the numbers in a slot."""
+def _particle_of(room: Tile, staged: int, apart: int):
+    """Mass [kg], volume [m3], history, strain and offset of a particle from numbers in shared memory."""
     B = sym(
-        _held(room, staged, 4), _held(room, staged, 5), _held(room, staged, 6), _held(room, staged, 7), _held(room, staged, 8),
-        _held(room, staged, 9),
+        _held(room, staged, apart, 4), _held(room, staged, apart, 5), _held(room, staged, apart, 6),
+        _held(room, staged, apart, 7), _held(room, staged, apart, 8), _held(room, staged, apart, 9),
     )  # fmt: skip
-    f = vec(_held(room, staged, 1), _held(room, staged, 2), _held(room, staged, 3))
-    return _held(room, staged, 0), _held(room, staged, 11), _held(room, staged, 10), B, f
+    f = vec(_held(room, staged, apart, 1), _held(room, staged, apart, 2), _held(room, staged, apart, 3))
+    return _held(room, staged, apart, 0), _held(room, staged, apart, 11), _held(room, staged, apart, 10), B, f
 
 
 law_update: Any = step  # of a law, by effective stress where WET is set; the binding puts it in its place
@@ -123,7 +124,7 @@ def _law(B: Any, L: Any, history: Any, mat: Any, effective: Any):
 
 def _deform(rec: Rows, p: int, room: Tile, staged: int, tile: Tile, first: int, mat: Any, slopes: Any, effective: Any):
     """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J]."""
-    m, volume, history, B, f = _particle_of(room, staged)
+    m, volume, history, B, f = _particle_of(room, staged, CELL_LANES)
     v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
     B, log, history, work = _law(B, velocity_gradient(x, y, z, slopes), history, mat, effective)
     packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
@@ -139,7 +140,7 @@ def _deform_on_way(
 
     ``ways`` are those of the nodes, ``of_way`` the factors of their moments.
     """
-    m, volume, history, B, f = _particle_of(room, staged)
+    m, volume, history, B, f = _particle_of(room, staged, CELL_LANES)
     v, x, y, z = _gather(f, tile, first, WIDE_X, WIDE_Y)
     way, ux, uy, uz = _gather(f, ways, first, WIDE_X, WIDE_Y)
     inverse = inverse_deformation(velocity_gradient(ux, uy, uz, of_way))
@@ -150,15 +151,15 @@ def _deform_on_way(
 
 
 def _strain_in_place(
-    rec: Rows, p: int, room: Tile, staged: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any, gone: int,
+    rec: Rows, p: int, held: Tile, place: int, tile: Tile, ways: Tile, first: int, mat: Any, slopes: Any, of_way: Any, gone: int,
     effective: Any,
 ):  # fmt: skip
     """Law of a particle that stays, in a further substep, from the nodes at ``first`` of tiles of 6 x 6 x 6.
 
-    ``gone``: whether the nodes have gone any way before, which ``ways`` holds then. Returns offset, velocity, that way [m], columns
-    of the impulse of its internal force and dissipated energy [J].
+    ``gone``: whether the nodes have gone any way before, which ``ways`` holds then. Returns velocity, that way [m], columns of the
+    impulse of its internal force and dissipated energy [J].
     """
-    _m, volume, history, B, f = _particle_of(room, staged)
+    _mass, volume, history, B, f = _particle_of(held, place, PITCH)
     v, x, y, z = _gather(f, tile, first, 36, 6)
     way = vec(real(0.0), real(0.0), real(0.0))
     moved = velocity_gradient(way, way, way, of_way)
@@ -170,4 +171,4 @@ def _strain_in_place(
     B, log, history, work = _law(B, present_gradient(rate, inverse_deformation(moved)), history, mat, effective)
     stress = stress_at_start(kirchhoff_stress(log, mat), inverse_deformation(moved + rate))
     _store_strain(rec, p, B, history)
-    return f, v, way, force_columns(stress, volume, slopes), work * volume
+    return v, way, force_columns(stress, volume, slopes), work * volume

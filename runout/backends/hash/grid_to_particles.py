@@ -17,6 +17,7 @@ import warp as wp
 from runout.backends.hash.deform import _deform, _deform_on_way, _slopes
 from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, Home, ParticleGroup, PoreGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
+    CELL_LANES,
     FAILED,
     GONE,
     HALT,
@@ -235,12 +236,12 @@ def grid_to_particles(
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid.nodes, blocks.around, b, lane, 0)
         room = wp.tile_empty(shape=ROOM, dtype=real, storage="shared")
-        stage(room, particles.rec, ahead, 0, lane)
+        stage(room, particles.rec, ahead, lane, CELL_LANES, 0)
         scene = blocks.member[b] & NOT_NEGATIVE
         dt = scenes.clock[scene, 0]
         slopes = _slopes(dt, constants.h)
         if SUBSTEPPED:
-            ways = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
+            ways = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
             _load_wide(ways, grid.nodes, blocks.around, b, lane, 1)
         rates = _rates(dt, constants.h)
         home = _home(blocks, scenes, b, scene)
@@ -259,7 +260,7 @@ def grid_to_particles(
             staged = (turn & 1) * (ROOM // 2) + lane
             turn += 1
             if p + lane_count() < last:
-                stage(room, particles.rec, ahead, turn, lane)
+                stage(room, particles.rec, ahead, (turn & 1) * (ROOM // 2) + lane, CELL_LANES, 0)
             if p >= begins:
                 new = int(k)
                 if k >= 0 and dt > real(0.0):

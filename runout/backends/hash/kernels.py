@@ -58,7 +58,7 @@ STRUCTURE_KERNELS = (
     "find_structure_contacts", "solve_contacts", "note_beside", "require_beside", "carry_sums", "settle_impulses",
 )  # fmt: skip
 LANES = {  # of a block; other kernels have PARTICLE_LANES
-    **dict.fromkeys(("particles_to_grid", "grid_to_particles", "strain_in_place"), CELL_LANES),
+    **dict.fromkeys(("particles_to_grid", "grid_to_particles"), CELL_LANES),
     **dict.fromkeys(("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks"), WARP),
     "find_structure_contacts": WARP,
 }
@@ -66,7 +66,7 @@ LANES = {  # of a block; other kernels have PARTICLE_LANES
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
     "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20), "sum_blocks": (PARTICLE_LANES, 6), "cut_tiles": (PARTICLE_LANES, 4),
-    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (CELL_LANES, 7),
+    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (PARTICLE_LANES, 4),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes
@@ -116,7 +116,7 @@ KINDS = {
         STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,), structured=True,
     ),
     "substeps.sums": _substeps("resume_nodes", "close_step"),
-    "substeps.law": _substeps("grid_to_particles", "strain_in_place"),
+    "substeps.law": _substeps("grid_to_particles", "strain_in_place", fast=(CELL_LANES, PARTICLE_LANES)),
     "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
     "substeps.structures": _substeps("find_structure_contacts", "solve_contacts", structured=True),
 }  # fmt: skip

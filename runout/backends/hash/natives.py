@@ -228,6 +228,22 @@ def own_lane(lane: int) -> int:  # type: ignore[empty-body]
     """The lane of this thread in its block."""
 
 
+# The compiler moves a load to where its value is needed; loads that could start together would then follow each other. The empty
+# statement needs the value, and costs nothing.
+LOADED_HERE = """
+    int here = n;
+#if defined(__CUDA_ARCH__)
+    asm volatile("" : "+r"(here));
+#endif
+    return here;
+"""
+
+
+@wp.func_native(LOADED_HERE)
+def loaded_here(n: int) -> int:  # type: ignore[empty-body]
+    """A number whose load starts here, before it is known whether it is needed."""
+
+
 WARP_LANES = """
 #if defined(__CUDA_ARCH__)
     return 32;
@@ -277,6 +293,6 @@ def of(precision: str) -> dict[str, Any]:
     )  # fmt: skip
     known = vars(reductions) | vars(shared_memory) | globals()
     by_type = {name: known[f"{name}{precision[-2:]}"] for name in names}
-    plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane)
+    plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane, loaded_here)
     plain += (warp_lanes, sum_before, hits_before, sum_lanes, add_wholes)
     return by_type | {function.key: function for function in (*plain, *shared_memory.PLAIN)}

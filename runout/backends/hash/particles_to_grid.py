@@ -37,13 +37,14 @@ from runout.backends.hash.layout import (
     HALT,
     HALVES,
     LASTING,
-    MANY,
     MASS,
     MOMENTUM,
     NEXT,
     NOT_NEGATIVE,
     OFFSET,
     PENDING,
+    PITCH,
+    PLACES,
     STEPS,
     TOUCHED,
     Ints,
@@ -53,7 +54,7 @@ from runout.backends.hash.layout import (
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _add_cell, _give_tile
+from runout.backends.hash.stencil import _add_cell, _cell_of_lane, _give_tile
 from runout.physics.bspline import weights
 from runout.physics.contact import reach
 from runout.physics.tensors import real, vec
@@ -68,27 +69,33 @@ def _given_by_record(rec: Rows, p: int):
     return rec[MASS, p], f, q, x, y, vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
 
 
+def _held_place(t: int):
+    """Where the numbers of particle ``t`` of those that a further substep holds begin; one place of 33 stays free."""
+    return (t + (t >> 5)) & PLACES
+
+
 def _given_by_stress(held: Tile, t: int):
-    """The same of the impulse of a particle's stress, from the numbers that a further substep holds; it has no mass."""
-    f = vec(held[t], held[MANY + t], held[2 * MANY + t])
-    x = vec(held[3 * MANY + t], held[4 * MANY + t], held[5 * MANY + t])
-    y = vec(held[6 * MANY + t], held[7 * MANY + t], held[8 * MANY + t])
-    z = vec(held[9 * MANY + t], held[10 * MANY + t], held[11 * MANY + t])
+    """The same of the impulse of the stress of particle ``t``, from what a further substep holds of it; it has no mass."""
+    n = _held_place(t)
+    f = vec(held[n + PITCH], held[n + 2 * PITCH], held[n + 3 * PITCH])
+    x = vec(held[n], held[n + 4 * PITCH], held[n + 5 * PITCH])
+    y = vec(held[n + 6 * PITCH], held[n + 7 * PITCH], held[n + 8 * PITCH])
+    z = vec(held[n + 9 * PITCH], held[n + 10 * PITCH], held[n + 11 * PITCH])
     return real(0.0), f, vec(real(0.0), real(0.0), real(0.0)), x, y, z
 
 
-def _sum_cell(given: Any, order: Ints, begin: int, last: int):
+def _sum_cell(given: Any, order: Ints, begin: int, last: int, step: int):
     """Mass and momentum that some particles hand to the 27 nodes of their cell; in a further substep, impulses of their stress.
 
-    ``given`` are the records of the particles at some places of the list, or what is held of them. From node to node the momentum
-    that a particle hands over grows by a column of its affine part.
+    ``given`` are the records of the particles at some places of the list, or what is held of every ``step`` th of them. From node
+    to node the momentum that a particle hands over grows by a column of its affine part.
     """
     acc = sums4()
     ahead = int(0)
     if GIVES_MASS:  # noqa: SIM102 - a constant alone: warp compiles no branch
         if begin < last:
             ahead = order[begin]
-    for t in range(begin, last):
+    for t in range(begin, last, step):
         if GIVES_MASS:
             p = ahead & NOT_NEGATIVE
             if t + 1 < last:
@@ -164,10 +171,11 @@ def particles_to_grid(
             tile = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
             bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
             _set_all_bases(bases, blocks, contacts, b, lane)
-            for c in range(lane, CELL_LANES, lane_count()):
-                acc = _sum_cell(particles.rec, particles.order, blocks.cstart[b, c], blocks.cstart[b, c + 1])
-                _add_cell(tile, c, acc)
-            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane, 0)
+            for q in range(lane, CELL_LANES, lane_count()):
+                c = _cell_of_lane(q)
+                acc = _sum_cell(particles.rec, particles.order, blocks.cstart[b, c], blocks.cstart[b, c + 1], 1)
+                _add_cell(tile, c, 0, acc)
+            _give_tile(tile, 1, grid.arenas, grid.nodes, bases, b, lane, 0)
             if DRAGS_AT_ONCE:
                 _give_moving(columns, tile, bases, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

@@ -1,16 +1,18 @@
 """Functions in CUDA for tiles in shared memory, each with its equivalent for a CPU.
 
 A GPU copies records and nodes to shared memory while its threads go on; :func:`come` and :func:`arrive` wait for them.
-``room`` is a tile of 2 x 12 x 64 numbers: two slots for each of 64 lanes.
+What is needed of a record are twelve numbers, each of which lies some places behind the one before.
 
-    numbers of a slot    0 mass | 1-3 offset | 4-9 strain | 10 history | 11 volume
+    numbers of a record    0 mass | 1-3 offset | 4-9 strain | 10 history | 11 volume
+
+``room`` is a tile of 2 x 12 x 64 numbers: two records for each of 64 lanes.
 """
 
 from typing import Any
 
 import warp as wp
 
-SLOT_NUMBERS, ROOM = 12, 2 * 12 * 64  # numbers of a slot; of the room
+ROOM = 2 * 12 * 64  # numbers of the room
 
 ADD_IN = "tile.data(wp::tile_coord(i)) += value;"
 PUT_IN = ADD_IN.replace("+=", "=")
@@ -33,17 +35,17 @@ COME = """
 """
 STAGE = """
 #if defined(__CUDA_ARCH__)
-    unsigned to = (unsigned)__cvta_generic_to_shared(&room.data(wp::tile_coord((slot & 1) * 768 + lane)));
+    unsigned to = (unsigned)__cvta_generic_to_shared(&room.data(wp::tile_coord(place)));
     const char* from = (const char*)(rec.data + p);
     #pragma unroll
     for (int n = 0; n < 12; ++n)
-        asm volatile("cp.async.ca.shared.global [%0], [%1], %2;"
-                     :: "r"(to + n * 64 * (unsigned)sizeof(*rec.data)),
+        if (n >= first) asm volatile("cp.async.ca.shared.global [%0], [%1], %2;"
+                     :: "r"(to + n * apart * (unsigned)sizeof(*rec.data)),
                         "l"(from + (size_t)(n == 0 ? 0 : n < 4 ? n + 3 : n + 12) * rec.strides[0]), "n"(sizeof(*rec.data))
                      : "memory");
 #else
-    for (int n = 0; n < 12; ++n)
-        room.data(wp::tile_coord((slot & 1) * 768 + n * 64 + lane)) = wp::index(rec, n == 0 ? 0 : n < 4 ? n + 3 : n + 12, p);
+    for (int n = first; n < 12; ++n)
+        room.data(wp::tile_coord(place + n * apart)) = wp::index(rec, n == 0 ? 0 : n < 4 ? n + 3 : n + 12, p);
 #endif
 """
 # A copy of no bytes fills the place with zeros.
@@ -87,8 +89,8 @@ def arrive():  # type: ignore[no-untyped-def]
 
 
 @wp.func_native(STAGE)
-def stage(room: Any, rec: Any, p: int, slot: int, lane: int):  # type: ignore[no-untyped-def]
-    """Begin to copy what a step needs of the record of a particle to a slot of a lane."""
+def stage(room: Any, rec: Any, p: int, place: int, apart: int, first: int):  # type: ignore[no-untyped-def]
+    """Begin to copy what is needed of the record of a particle, from number ``first`` on, to a place and others ``apart``."""
 
 
 @wp.func_native(STAGE_NODE)

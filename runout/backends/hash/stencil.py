@@ -10,6 +10,7 @@ from runout.backends.hash.groups import BlockGroup, ContactGroup, GridGroup, Gro
 from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
+    HALVES,
     ORDERED,
     PIECE,
     PUSHES,
@@ -97,12 +98,17 @@ def _cell_of(starts: Tile, n: int):
     return c
 
 
-def _add_cell(halves: Tile, c: int, acc: Any):
-    """Sums (27, 4) of cell ``c`` to the tile of its half of the block.
+def _cell_of_lane(lane: int):
+    """Cell that a lane sums; eight lanes in a row have two cells of each of four columns: their nodes lie in different banks."""
+    return (lane & 49) | ((lane & 6) << 1) | ((lane & 8) >> 2)
+
+
+def _add_cell(halves: Tile, c: int, behind: int, acc: Any):
+    """Sums (27, 4) of cell ``c`` to the tile of its half of the block; the tiles lie ``behind`` the first by so many nodes.
 
     A warp has the 32 cells of a half, and a tile of its own for the 4 x 6 x 6 nodes that they reach: no warp waits for another.
     """
-    first = _first_node(c) + SECOND * (c >> 5)
+    first = _first_node(c) + SECOND * (c >> 5) + behind
     for i in range(3):
         for j in range(3):
             for k in range(3):
@@ -111,18 +117,26 @@ def _add_cell(halves: Tile, c: int, acc: Any):
                 meet_warp()
 
 
-def _give_tile(halves: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int, behind: int):
+def _of_halves(halves: Tile, t: int, behind: int):
+    """Sum at node ``t`` of a block over the tiles of its halves."""
+    g = node4()
+    if t < TILE - SECOND:
+        g = node4(halves[t + behind])
+    if t >= SECOND:
+        g += halves[t + SECOND + behind]
+    return g
+
+
+def _give_tile(halves: Tile, parts: int, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int, behind: int):
     """Sums at the nodes of the tiles of both halves to numbers of the grid, which lie ``behind`` the nodes by so many places.
 
-    In fixed order, only to the arena of the block.
+    There are two ``parts`` of such tiles, or one. In fixed order, only to the arena of the block.
     """
     meet()
     for t in range(lane, TILE, lane_count()):
-        g = node4()
-        if t < TILE - SECOND:
-            g = node4(halves[t])
-        if t >= SECOND:
-            g += halves[t + SECOND]
+        g = _of_halves(halves, t, 0)
+        if parts > 1:
+            g += _of_halves(halves, t, HALVES)
         if ORDERED:
             arenas[b * TILE + t] = g
         elif g[0] != real(0.0) or g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):

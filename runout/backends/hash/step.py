@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 from runout.backends.hash.contact_area import COLUMNS, PLAN
-from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
+from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.pore_pressure import COLUMNS as LAYERS
 from runout.backends.hash.substeps import FIRST
@@ -63,7 +63,7 @@ def strain_in_place(parts: Parts, turn: int) -> None:
     beside = parts.structures.grounded if parts.structures else n.nothing
     groups = parts.store.group, i.block_group, n.grid_group, n.contact_group, scenes.group
     more = scenes.constants, scenes.materials, n.pore_group, beside, turn, i.launched
-    run_each(k.strain_in_place, i.launched + 1, CELL_LANES, status, *groups, *more)
+    run_each(k.strain_in_place, i.launched + 1, PARTICLE_LANES, status, *groups, *more)
     arrays = status, i.block_group, n.grid_group, n.ground_group, n.contact_group
     run(k.resume_nodes, i.capacity * 64, *arrays, scenes.group, turn)
     if parts.ground is not None and parts.drags_column:

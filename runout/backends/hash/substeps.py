@@ -3,15 +3,18 @@
     grid.nodes   | velocity of each node | its way since the start of the transfer | impulses of the new stress |     three layers
                  in fixed order the impulses lie in the arenas
     record       strain, history: replaced; of particles in contact way and velocity in the place of the affine matrix
-    held         (shared memory) offset and columns of the impulse of up to MANY particles of a block
+    held         (shared memory) record of up to MANY particles of a block; then offset and columns of the impulse in its place
+
+     numbers of a particle    0 | 1-3 offset | 4-9 strain | 10 history | 11 volume
+                              0, 4-11 columns of the impulse | 1-3 offset
 
     --strain_in_place--> impulses --resume_nodes--> mass and momentum --contact, as in the first substep--> velocity
 
-A thread first owns a particle, then a cell. Lists, weights and masses of the nodes stay, and so do the contacts with the ground:
-their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since particles
-keep their weights: the sum of the impulses of the substep before. Contacts with structures are found anew, from records that have
-not changed. Where the scenes of a batch have different numbers of substeps, the time step of one that waits is negative in the
-clock.
+A thread first owns a particle, then a part of a cell. Lists, weights and masses of the nodes stay, and so do the contacts with the
+ground: their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since
+particles keep their weights: the sum of the impulses of the substep before. Contacts with structures are found anew, from records
+that have not changed. Where the scenes of a batch have different numbers of substeps, the time step of one that waits is negative
+in the clock.
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ from runout.backends.hash.groups import (
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
+    AT_ONCE,
     BLOCKS,
     CELL_LANES,
     HALT,
@@ -43,6 +47,9 @@ from runout.backends.hash.layout import (
     MANY,
     NOT_NEGATIVE,
     ORDERED,
+    PARTICLE_LANES,
+    PARTS,
+    PITCH,
     PUSHES,
     PUSHES_UP,
     SLOT,
@@ -58,18 +65,29 @@ from runout.backends.hash.layout import (
     node_at,
     put_node,
 )
-from runout.backends.hash.particles_to_grid import _sum_cell
+from runout.backends.hash.particles_to_grid import _held_place, _sum_cell
 from runout.backends.hash.pore_pressure import _drained
-from runout.backends.hash.shared_memory import ROOM
-from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _node, _place_of_begun, _set_bases, _sum_arenas
+from runout.backends.hash.stencil import (
+    _add_cell,
+    _cell_of_lane,
+    _first_node,
+    _give_tile,
+    _node,
+    _place_of_begun,
+    _set_bases,
+    _sum_arenas,
+)
 from runout.physics.tensors import real
 
-OF_MANY = 12 * MANY  # numbers that are held of the particles whose impulses are held at once
+OF_MANY = 12 * PITCH  # numbers that are held of the particles whose impulses are held at once
+ALL_HALVES = PARTS * HALVES  # nodes of the tiles to which the threads add
+WARPS = PARTICLE_LANES // WARP  # of a block of threads
 FIRST = 2  # the first of the further substeps
 
 put_in: Any = None  # puts a number in its place in a tile; the binding puts it in its place
 stage: Any = None  # begins to copy what is needed of a record to shared memory, likewise
 stage_node: Any = None  # begins to copy a node to a tile, likewise
+loaded_here: Any = None  # a number whose load starts here, likewise
 come: Any = None  # a lane waits for its own copies, likewise
 pair_at: Any = None  # two numbers that lie beside each other, by one load; likewise
 arrive: Any = None  # waits for copies to shared memory, likewise
@@ -98,12 +116,12 @@ def _load_motion(velocities: Tile, ways: Tile, grid: GridGroup, blocks: BlockGro
     arrive()
 
 
-def _touches_something(contacts: ContactGroup, beside: Ints, b: int, c: int):
-    """Whether a particle of a cell may be in contact: contacts read its way and its velocity."""
-    near = contacts.touching[b] > 0 and contacts.pressed_start[b, c + 1] > contacts.pressed_start[b, c]
+def _is_touched(contacts: ContactGroup, beside: Ints, b: int):
+    """Whether particles of a block may be in contact with the ground, and with structures: contacts read their way and velocity."""
+    beside_some = False
     if beside.shape[0] > 0:
-        near = near or beside[b] >= 0
-    return near
+        beside_some = beside[b] >= 0
+    return contacts.touching[b] > 0, beside_some
 
 
 def _keep_motion(particles: ParticleGroup, p: int, way: Vector, v: Vector):
@@ -113,45 +131,80 @@ def _keep_motion(particles: ParticleGroup, p: int, way: Vector, v: Vector):
         particles.rec[AFFINE + 3 + d, p] = v[d]
 
 
-def _hold_push(held: Tile, place: int, f: Vector, push: Any):
-    """Hold offset and columns of the impulse of a particle."""
-    for d in range(3):
-        put_in(held, d * MANY + place, f[d])
-    for d in range(9):
-        put_in(held, (3 + d) * MANY + place, push[d])
+def _listed(particles: ParticleGroup, first: int, end: int):
+    """The next four particles of a lane in the list, from place ``first`` on."""
+    listed = wp.vec4i()
+    for q in range(AT_ONCE):
+        listed[q] = loaded_here(particles.order[wp.max(wp.min(first + q * lane_count(), end - 1), 0)]) & NOT_NEGATIVE
+    return listed
+
+
+def _stage_some(particles: ParticleGroup, held: Tile, listed: wp.vec4i, begin: int, end: int, lane: int):
+    """Begin to copy the records of the particles at some places of the list, of which ``listed`` are the first of the lane."""
+    for first in range(begin + lane, end, AT_ONCE * lane_count()):
+        if first >= begin + AT_ONCE * lane_count():
+            listed = _listed(particles, first, end)
+        for q in range(AT_ONCE):
+            n = first + q * lane_count()
+            if n < end:
+                stage(held, particles.rec, listed[q], _held_place(n - begin), PITCH, 1)
+
+
+def _hold_push(held: Tile, place: int, push: Any):
+    """Hold columns of the impulse of a particle in the place of its record, beside its offset."""
+    put_in(held, place, push[0])
+    for d in range(1, 9):
+        put_in(held, place + (3 + d) * PITCH, push[d])
 
 
 def _strain_some(
-    particles: ParticleGroup, contacts: ContactGroup, constants: Constants, mats: Materials, beside: Ints, room: Tile,
+    particles: ParticleGroup, contacts: ContactGroup, constants: Constants, mats: Materials, beside: Ints,
     pores: PoreGroup, velocities: Tile, ways: Tile, held: Tile, b: int, begin: int, end: int, lane: int, dt: Any, gone: int,
+    ahead: int, key_ahead: int,
 ):  # fmt: skip
-    """Strain the particles at some places of the list, and hold their impulses; returns the energy [J] that they lose."""
+    """Strain the particles at some places of the list, and hold their impulses; returns the energy [J] that they lose.
+
+    ``ahead`` is the first particle of the lane, with its key.
+    """
     slopes = _slopes(dt, constants.h)
     of_way = _slopes(real(1.0), constants.h)
     lost = wp.float64(0.0)
-    ahead = int(particles.order[wp.min(begin + lane, end - 1)] & NOT_NEGATIVE)
-    if begin + lane < end:
-        stage(room, particles.rec, ahead, 0, lane)
-    turn = int(0)
+    grounded, beside_some = _is_touched(contacts, beside, b)
+    come()
     for n in range(begin + lane, end, lane_count()):
         p = ahead & NOT_NEGATIVE
+        c = key_ahead & 63
         ahead = particles.order[wp.min(n + lane_count(), end - 1)] & NOT_NEGATIVE
-        c = particles.key[p] & 63
+        key_ahead = particles.key[ahead]
+        before, behind = loaded_here(contacts.pressed_start[b, c]), loaded_here(contacts.pressed_start[b, c + 1])
         effective = _drained(particles, pores, p, 64 * b + c, dt)
         mat = mats[_release_at(particles, constants, p)]
-        come()
-        staged = (turn & 1) * (ROOM // 2) + lane
-        turn += 1
-        if n + lane_count() < end:
-            stage(room, particles.rec, ahead, turn, lane)
-        f, v, way, push, work = _strain_in_place(
-            particles.rec, p, room, staged, velocities, ways, _first_node(c), mat, slopes, of_way, gone, effective
+        place = _held_place(n - begin)
+        v, way, push, work = _strain_in_place(
+            particles.rec, p, held, place, velocities, ways, _first_node(c), mat, slopes, of_way, gone, effective
         )
-        _hold_push(held, n - begin, f, push)
+        _hold_push(held, place, push)
         lost += wp.float64(work)
-        if _touches_something(contacts, beside, b, c):
+        if (grounded and behind > before) or beside_some:
             _keep_motion(particles, p, way + dt * v, v)
     return lost
+
+
+def _clear_sums(halves: Tile, losses: Tile, lane: int):
+    """Set sums in shared memory to zero; the lanes meet later."""
+    for t in range(lane, ALL_HALVES, lane_count()):
+        put_in(halves, t, node4())
+    for w in range(lane, WARPS, lane_count()):
+        put_in(losses, w, wp.float64(0.0))
+
+
+def _sum_some(blocks: BlockGroup, particles: ParticleGroup, held: Tile, halves: Tile, b: int, first: int, end: int, lane: int):
+    """Sum the impulses of the particles at some places of the list in the tiles of the halves; a thread sums a part of a cell."""
+    for q in range(lane, PARTS * CELL_LANES, lane_count()):
+        c = _cell_of_lane(q & 63)
+        begins = wp.max(blocks.cstart[b, c], first) - first + (q >> 6)
+        acc = _sum_cell(held, particles.order, begins, wp.min(blocks.cstart[b, c + 1], end) - first, PARTS)
+        _add_cell(halves, c, HALVES * (q >> 6), acc)
 
 
 def strain_in_place(
@@ -164,43 +217,55 @@ def strain_in_place(
     empty without structures. One more block of threads than ``launched`` opens the substep meanwhile.
     """
     begin, lane = wp.tid()
+    b = loaded_here(blocks.active[wp.min(begin, blocks.active.shape[0] - 1)])
+    active = loaded_here(status.tally[ACTIVE])
     if status.flags[HALT] != 0:
         return
     if begin == launched:
         for s in range(lane, scenes.left.shape[0], lane_count()):
             _open_substep(scenes, s, turn)
         return
-    for a in range(begin, status.tally[ACTIVE], launched):
-        b = blocks.active[a] & NOT_NEGATIVE
-        s = blocks.member[b] & NOT_NEGATIVE
-        if scenes.left[s] > 0 and scenes.clock[s, SUBSTEPS] >= real(turn):
-            meet()  # lanes still at the block before
-            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_bases(bases, blocks.up, b, lane)
+    for a in range(begin, active, launched):
+        b = b & NOT_NEGATIVE
+        start = loaded_here(blocks.cstart[b, 0])
+        last = loaded_here(blocks.cstart[b, CELL_LANES])
+        s = loaded_here(blocks.member[b]) & NOT_NEGATIVE
+        listed = _listed(particles, start + lane, wp.min(start + MANY, last))
+        left = loaded_here(scenes.left[s])
+        goes_on = scenes.clock[s, SUBSTEPS] >= real(turn)
+        meet()  # lanes still at the block before
+        bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+        _set_bases(bases, blocks.up, b, lane)
+        if left > 0 and goes_on:
             velocities = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
             ways = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
-            room = wp.tile_empty(shape=ROOM, dtype=real, storage="shared")
             held = wp.tile_empty(shape=OF_MANY, dtype=real, storage="shared")
-            halves = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
-            _load_motion(velocities, ways, grid, blocks, bases, lane, turn)
-            last = blocks.cstart[b, CELL_LANES]
-            lost = wp.float64(0.0)
-            for first in range(blocks.cstart[b, 0], last, MANY):
+            halves = wp.tile_empty(shape=ALL_HALVES, dtype=node4, storage="shared")
+            losses = wp.tile_empty(shape=WARPS, dtype=wp.float64, storage="shared")
+            _clear_sums(halves, losses, lane)
+            dt, lost = real(scenes.steps[s]), wp.float64(0.0)
+            for first in range(start, last, MANY):
                 end = wp.min(first + MANY, last)
+                if first > start:
+                    meet()  # lanes still at the sums
+                    listed = _listed(particles, first + lane, end)
+                _stage_some(particles, held, listed, first, end, lane)
+                key = int(particles.key[listed[0]])
+                if first == start:
+                    _load_motion(velocities, ways, grid, blocks, bases, lane, turn)
                 lost += _strain_some(
-                    particles, contacts, constants, mats, beside, room, pores, velocities, ways, held, b, first, end, lane,
-                    scenes.steps[s], turn - FIRST,
+                    particles, contacts, constants, mats, beside, pores, velocities, ways, held, b, first, end, lane,
+                    dt, turn - FIRST, listed[0], key,
                 )  # fmt: skip
                 meet()
-                for c in range(lane, CELL_LANES, lane_count()):
-                    begins = wp.max(blocks.cstart[b, c], first) - first
-                    acc = _sum_cell(held, particles.order, begins, wp.min(blocks.cstart[b, c + 1], end) - first)
-                    _add_cell(halves, c, acc)
-                meet()
-            _give_tile(halves, grid.arenas, grid.nodes, bases, b, lane, 2 * 64 * blocks.up.shape[0])
+                _sum_some(blocks, particles, held, halves, b, first, end, lane)
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:
-                book(grid.booked, b, 5 * (lane // WARP), all_lost)
+                put_in(losses, lane // WARP, all_lost)
+            _give_tile(halves, PARTS, grid.arenas, grid.nodes, bases, b, lane, 2 * 64 * blocks.up.shape[0])
+            if lane == 0:
+                book(grid.booked, b, 0, losses[0] + losses[1] + losses[2] + losses[3])
+        b = int(blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)])
 
 
 def _begun(contacts: ContactGroup, slot: int, n: int):
