@@ -42,7 +42,7 @@ def python(package, *command):
 
 
 @pytest.fixture(scope="module")
-def froude(tmp_path_factory):
+def froude(tmp_path_factory, kernels_of_a_site):
     """Package with the quantity of the recipe, and the site ``ramp`` after a run with it."""
     package = package_with(tmp_path_factory.mktemp("quantity"), "runout/quantities/froude_number.py")
     text = SITE.replace("members: 4", "members: 2").replace("percentiles:", "froude_number_thresholds: [1.5], percentiles:")
