@@ -5,6 +5,7 @@ import logging
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -22,8 +23,8 @@ def pytest_collection_finish(session):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_process_where_workers_take_all_cores():
-    """One process compiles the kernels of scan for all tests of a worker: no core is left for others."""
+def one_process_where_workers_take_all_cores(tmp_path_factory):
+    """One process for each number type compiles the kernels of scan for all workers: no core is left for others."""
     if not WORKERS_TAKE_ALL_CORES:
         yield
         return
@@ -31,12 +32,26 @@ def one_process_where_workers_take_all_cores():
 
     from runout.backends.scan import precompile
 
-    compiler = KernelCompiler(precompile._warm_up_elsewhere)
+    folder = tmp_path_factory.getbasetemp().parent / "compilers"  # of all workers
+    folder.mkdir(exist_ok=True)
+    compiler = KernelCompiler(precompile._warm_up_elsewhere, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(precompile, "os", SimpleNamespace(**{**vars(os), "sched_getaffinity": lambda _: {0}}))
         patch.setattr(precompile, "_warm_up_elsewhere", compiler)
         yield
     compiler.end()
+
+
+@pytest.fixture(scope="session")
+def kernels_of_a_site(one_process_where_workers_take_all_cores):
+    """For a command in a process of its own, which would compile all functions anew: the kernels of one mass of sand are there."""
+    from runout import Coulomb, DruckerPrager
+    from runout.backends.scan import kernels, precompile, warm_up
+
+    sand = DruckerPrager(density=2000.0, youngs_modulus=2e6, friction_angle=30.0)
+    scene, _ = warm_up.small_slope((sand,), (Coulomb(friction_angle=20.0),), "float32")
+    scene = replace(scene, friction_zones=None, substeps=4)
+    precompile.ensure_compiled(scene, kernels.sources_of(scene))
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,7 @@
 """The hash backend on the CPU gives what the dense one gives, whatever the order of its sums and the size of its batches."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from scenes import (
     scene,
     single_precision,
 )
-from test_sparse_equals_dense import CASES, CLAY, rough, run, run_with_changing_step, two_bodies
+from test_sparse_equals_dense import CASES, CLAY, bodies_on, moved_by_the_reference, rough, run, run_with_changing_step, two_bodies
 
 from runout.backends.protocol import get_backend
 from runout.materials.granular_flow import GranularFlow
@@ -33,13 +34,10 @@ GRAINS = GranularFlow(
 @pytest.mark.parametrize(("steps", "tolerance"), [(1, 2e-13), (100, 1e-10)])
 @pytest.mark.parametrize("name", CASES)
 def test_hash_equals_reference_in_float64(name, steps, tolerance, deterministic):
-    surface, spacing = CASES[name]
-    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
-    p = two_bodies(surface or plane(), spacing)
-    expected = run(get_backend("reference"), s, p, steps, 2e-3)
+    s, p = bodies_on(name)
     found = run(on_cpu(deterministic=deterministic), s, p, steps, 2e-3)
-    assert_same(expected, found, tolerance, spacing)
-    if surface is not None:
+    assert_same(moved_by_the_reference(name, steps), found, tolerance, s.spacing)
+    if s.surface is not None:
         assert found[1].contact_particles > 0
 
 
@@ -48,13 +46,19 @@ def test_lanes_of_a_block_share_their_tile_without_conflict(monkeypatch, determi
     """As on a GPU: 64 lanes own the cells of a block, 128 its particles; warp runs them as fibers on the CPU."""
     config = wp.config
     monkeypatch.setattr(config, "enable_cpu_blocks", True)
-    surface, spacing = CASES["rough ground"]
-    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
-    p = two_bodies(surface, spacing)
-    expected = run(get_backend("reference"), s, p, 100, 2e-3)
+    s, p = bodies_on("rough ground")
     found = run(on_cpu(deterministic=deterministic), s, p, 100, 2e-3)
-    assert_same(expected, found, 1e-10, spacing)
+    assert_same(moved_by_the_reference("rough ground", 100), found, 1e-10, s.spacing)
     assert found[1].contact_particles > 0
+
+
+@cache
+def crowded_on_the_reference():
+    """Scene and particles of many in a block, and state, ledger and columns after three steps, once for all ways of hash."""
+    surface = plane(0.1, 0.05)
+    s = scene(surface, (1.0, 1.0, 1.0), (SAND,), (0.4,))
+    p = box((4.5, 4.5, 0.0), (4.0, 4.0, 1.0), s.spacing, per_cell=5, surface=surface)  # over one block
+    return s, p, run(get_backend("reference"), s, p, 3, 2e-3)
 
 
 @pytest.mark.parametrize("deterministic", [False, True])
@@ -64,24 +68,18 @@ def test_more_particles_may_touch_in_a_block_than_are_held_at_once(monkeypatch, 
     monkeypatch.setattr(wp.config, "enable_cpu_blocks", shared)
     from runout.backends.hash.contact_solution import HELD
 
-    spacing = (1.0, 1.0, 1.0)
-    s = scene(plane(0.1, 0.05), spacing, (SAND,), (0.4,))
-    p = box((4.5, 4.5, 0.0), (4.0, 4.0, 1.0), spacing, per_cell=5, surface=plane(0.1, 0.05))  # over one block
-    expected = run(get_backend("reference"), s, p, 3, 2e-3)
+    s, p, expected = crowded_on_the_reference()
     found = run(on_cpu(deterministic=deterministic), s, p, 3, 2e-3)
-    assert_same(expected, found, 1e-12, spacing)
+    assert_same(expected, found, 1e-12, s.spacing)
     blocks = 2  # above each other, at most: the plane falls by less than a block
     assert found[1].contact_particles > 2 * blocks * HELD
 
 
 def test_hash_in_float32_stays_close_to_the_reference():
     """After 100 steps the bulk agrees to 1e-4 of a cell and 1e-4 of the energy."""
-    surface, spacing = CASES["bowl"]
-    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
-    p = two_bodies(surface, spacing)
-    expected = run(get_backend("reference"), s, p, 100, 2e-3)
+    s, p = bodies_on("bowl")
     found = run(on_cpu(), single_precision(s), p, 100, 2e-3)
-    assert_close_bulk(expected, found, spacing)
+    assert_close_bulk(moved_by_the_reference("bowl", 100), found, s.spacing)
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

@@ -5,7 +5,8 @@ import os
 import subprocess
 import sys
 import threading
-from types import ModuleType
+import time
+from types import ModuleType, SimpleNamespace
 
 import pytest
 from kernel_compiler import KernelCompiler
@@ -17,6 +18,7 @@ from runout.backends.scan.backend import OF_SUBSTEPS, PARTS, ScanBackend
 from runout.backends.scan.kernels import kernels_for
 from runout.backends.scan.warm_up import TOGETHER
 from runout.model.particles import Particles
+from runout.processes.lifetime import LOOK_SECONDS
 
 IN_OWN_PROCESS = precompile._warm_up_elsewhere  # workers of pytest compile all variants in one process
 
@@ -187,15 +189,37 @@ def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
 
 
 def test_the_process_that_compiles_for_all_tests_leaves_what_it_cannot_do_to_others(monkeypatch, tmp_path):
-    """A job that fails, and a job for another cache."""
-    jobs = []
-    compiler = KernelCompiler(lambda a_scene, kind: jobs.append(kind) is None)
+    """A job that fails, a job for another cache, and one whose process has ended."""
+    jobs, a_scene = [], scene(materials=(SAND,))
+    compiler = KernelCompiler(lambda a_scene, kind: jobs.append(kind) is None, tmp_path)
     monkeypatch.setattr(precompile, "job_of", lambda *job: "no job")
     try:
-        assert compiler("a scene", "first")
-        assert compiler.process.poll() is None
-        monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
-        assert compiler("a scene", "second")
+        assert compiler(a_scene, "first")
+        (process,) = compiler.started
+        assert process.poll() is None
+        with monkeypatch.context() as patch:
+            patch.setattr(precompile, "cache_root", lambda: tmp_path)
+            assert compiler(a_scene, "second")
+        process.kill()
+        process.wait()
+        assert compiler(a_scene, "third")
+        assert len(compiler.started) == 2
     finally:
         compiler.end()
-    assert jobs == ["first", "second"]
+    assert jobs == ["first", "second", "third"]
+
+
+def test_workers_share_the_process_that_compiles_for_all_tests(monkeypatch, tmp_path):
+    """The second compiles in that of the first, which does not end with the process that a job names as its parent."""
+    a_scene = scene(plane(), materials=(SAND,))
+    kind = precompile.variant(a_scene)
+    first, second = (KernelCompiler(lambda a_scene, kind: pytest.fail("another process was asked"), tmp_path) for _ in range(2))
+    monkeypatch.setattr(precompile, "os", SimpleNamespace(**{**vars(os), "getpid": lambda: 1}))
+    try:
+        assert first(a_scene, kind)
+        assert second(a_scene, kind)
+        time.sleep(2 * LOOK_SECONDS)
+        assert first(a_scene, kind)
+        assert (len(first.started), second.started) == (1, [])
+    finally:
+        first.end()

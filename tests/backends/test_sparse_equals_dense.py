@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -59,26 +60,33 @@ CASES = {
 }
 
 
+def bodies_on(name):
+    """Scene and particles of two bodies of two materials on the ground of a case."""
+    surface, spacing = CASES[name]
+    return scene(surface, spacing, (SAND, CLAY), (0.4, 0.25)), two_bodies(surface or plane(), spacing)
+
+
+@cache
+def moved_by_the_reference(name, steps):
+    """State, ledger and columns of two bodies after steps, once for all backends."""
+    return run(get_backend("reference"), *bodies_on(name), steps, 2e-3)
+
+
 @pytest.mark.parametrize(("steps", "tolerance"), [(1, 2e-13), (100, 1e-10)])
 @pytest.mark.parametrize("name", CASES)
 def test_scan_equals_reference_in_float64(name, steps, tolerance):
-    surface, spacing = CASES[name]
-    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
-    p = two_bodies(surface or plane(), spacing)
-    expected, found = (run(get_backend(which, threads=1), s, p, steps, 2e-3) for which in ("reference", "scan"))
-    assert_same(expected, found, tolerance, spacing, other_index=True)
-    if surface is not None:
+    s, p = bodies_on(name)
+    expected, found = moved_by_the_reference(name, steps), run(get_backend("scan", threads=1), s, p, steps, 2e-3)
+    assert_same(expected, found, tolerance, s.spacing, other_index=True)
+    if s.surface is not None:
         assert expected[1].contact_particles > 0
 
 
 def test_scan_in_float32_stays_close_to_the_reference():
     """After 100 steps the bulk agrees to 1e-4 of a cell and 1e-4 of the energy."""
-    surface, spacing = CASES["bowl"]
-    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
-    p = two_bodies(surface, spacing)
-    expected = run(get_backend("reference"), s, p, 100, 2e-3)
+    s, p = bodies_on("bowl")
     found = run(get_backend("scan", threads=1), single_precision(s), p, 100, 2e-3)
-    assert_close_bulk(expected, found, spacing)
+    assert_close_bulk(moved_by_the_reference("bowl", 100), found, s.spacing)
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

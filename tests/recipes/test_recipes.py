@@ -42,7 +42,7 @@ def python(package, *command):
 
 
 @pytest.fixture(scope="module")
-def froude(tmp_path_factory):
+def froude(tmp_path_factory, kernels_of_a_site):
     """Package with the quantity of the recipe, and the site ``ramp`` after a run with it."""
     package = package_with(tmp_path_factory.mktemp("quantity"), "runout/quantities/froude_number.py")
     text = SITE.replace("members: 4", "members: 2").replace("percentiles:", "froude_number_thresholds: [1.5], percentiles:")
@@ -150,9 +150,11 @@ def test_a_law_is_public_has_settings_and_runs(tmp_path, path, text, name, befor
     own = "    yield_stress: {distribution: uniform, low: 300, high: 900}\n"
     own = own if "mud" in text.lower() else "    basal_drag: {distribution: uniform, low: 0.01, high: 0.1}\n"
     site = write_site(tmp_path / "ramp", QUICK.replace(before, block).replace(sampled, own))
-    assert python(package, "-c", f"import runout; print(runout.{name}.law, {name!r} in runout.__all__)").split()[1] == "True"
-    python(package, "-m", "runout", "check", site)
-    python(package, "-m", "runout", "ensemble", site, "--workers", 1)
+    code = (
+        f"import sys, runout; from runout.cli import main; print(runout.{name}.law, {name!r} in runout.__all__)\n"
+        "sys.exit(main(['check', sys.argv[1]]) or main(['ensemble', sys.argv[1], '--workers', '1']))"
+    )
+    assert python(package, "-c", code, site).splitlines()[0] == f"{Path(path).stem} True"
     speeds = []
     for file in (site / "results" / "members").glob("*.nc"):
         with xr.open_dataset(file) as member:
@@ -166,13 +168,14 @@ def test_a_format_of_structures_is_read_placed_and_checked(tmp_path):
     site = write_site(tmp_path / "ramp", SITE + "structures:\n  - {file: inputs/piers.csv, name: pier}\n")
     easting, northing = WEST + 405.0, NORTH - 105.0
     (site / "inputs" / "piers.csv").write_text(f"easting,northing,radius,height\n{easting},{northing},12,6\n")
-    python(package, "-m", "runout", "check", site)
     code = (
-        "import sys; from runout.config.site import read_site; from runout.structures.readers.meshes import volume\n"
+        "import sys; from runout.cli import main; from runout.config.site import read_site\n"
+        "from runout.structures.readers.meshes import volume\n"
         "site = read_site(sys.argv[1]); (body,) = site.files.bodies().solids\n"
-        "print(body.name, volume(body.vertices, body.faces), *body.box.ravel())"
+        "print(body.name, volume(body.vertices, body.faces), *body.box.ravel())\n"
+        "sys.exit(main(['check', sys.argv[1]]))"
     )
-    name, *numbers = python(package, "-c", code, site).split()
+    name, *numbers = python(package, "-c", code, site).splitlines()[0].split()
     volume, west, south, bottom, east, north, top = map(float, numbers)
     assert name == "pier"
     assert volume == pytest.approx(math.pi * 12.0**2 * 9.0, rel=0.02)

@@ -34,11 +34,11 @@ def test_an_error_that_is_stated_twice_too_large_does_not_hold(monkeypatch):
 
 
 def test_the_command_goes_on_and_writes_table_and_record(tmp_path):
-    options = ["--out", str(tmp_path), "--members", "32", "--sizes", "16", "--sites", "jacksboro", "--workers", "1"]
+    options = ["--out", str(tmp_path), "--members", "16", "--sizes", "8", "--sites", "jacksboro", "--workers", "1"]
     coarse = ["--set", "simulation.cell_size=120", "simulation.end_time=20"]
     first = main([*options, *coarse])
-    assert len(list((tmp_path / "jacksboro" / "members").glob("*.nc"))) == 32
-    assert {row["members"] for row in first["rows"]} == {16}
+    assert len(list((tmp_path / "jacksboro" / "members").glob("*.nc"))) == 16
+    assert {row["members"] for row in first["rows"]} == {8}
     record = json.loads((tmp_path / "sampling_error.json").read_text())
     assert record["rows"] == first["rows"]
     assert (tmp_path / "sampling_error.md").read_text().count("jacksboro") == len(first["rows"])
