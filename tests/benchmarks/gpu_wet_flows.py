@@ -121,6 +121,7 @@ def measure(scene: str, with_bed: bool, precision: str, device: str, share: floa
         "bed": with_bed,
         "precision": precision,
         "share": share,
+        "end_time": arguments["end_time"],
         "particles": runs["cpu"].n_particles,
         "steps": [run.steps for run in runs.values()],
         "stop": [run.stop_reason for run in runs.values()],
