@@ -70,7 +70,7 @@ class Pools(NamedTuple):
     owed: np.ndarray  # [m], less than nothing where particles came early
     left: np.ndarray  # [m] that is not eroded yet
     takes: np.ndarray  # [m] of a particle
-    count: np.ndarray  # particles that are born there
+    born: np.ndarray  # particles that are born there
     depth: np.ndarray  # [m] that is given for them
 
 
@@ -196,7 +196,7 @@ def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
     Parameters
     ----------
     pools : Pools
-        ``count`` and ``depth`` are filled; they are zero before.
+        ``born`` and ``depth`` are filled; they are zero before.
     first : ndarray (2,) of int
         The first node, counted from that of the plan.
     steps : ndarray (2,)
@@ -206,7 +206,7 @@ def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
     size : int
         Nodes of a pool along each axis.
     """
-    owed, count, depth = pools.owed, pools.count, pools.depth
+    owed, born, depth = pools.owed, pools.born, pools.depth
     rows, columns = owed.shape
     for i0 in range(0, rows, size):
         for j0 in range(0, columns, size):
@@ -222,7 +222,7 @@ def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
                 number = math.floor(particles + 0.5 + DITHER * (1.0 - 2.0 * (place - math.floor(place))) + 0.25 * late)
             if not _pool_has(owed, pools.left, low, high, number * each / due):
                 number = whole
-            count[at[0], at[1]] = number
+            born[at[0], at[1]] = number
             for i in range(low[0], high[0]):
                 for j in range(low[1], high[1]):
                     depth[i, j] = max(owed[i, j], 0.0) / due * (number * each)
