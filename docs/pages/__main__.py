@@ -16,6 +16,7 @@ from docs.pages import (
     flume,
     frank_slide,
     gpu,
+    gpu_wet_flows,
     iseesnow,
     maipo,
     one_answer,
@@ -55,6 +56,7 @@ PAGES: dict[str, tuple[str, Page]] = {  # by record: the folder below docs, and 
     "whole_commands": ("benchmarks", commands.page),
     "skip": ("benchmarks", skip.page),
     "substeps": ("benchmarks", substeps.page),
+    "gpu_wet_flows": ("benchmarks", gpu_wet_flows.page),
     **{f"validation_{name}": ("validation", page) for name, page in VALIDATION.items()},
 }
 

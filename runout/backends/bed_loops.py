@@ -1,6 +1,7 @@
-"""Loop over the nodes of the plan that erodes a bed under the columns of the flow; the binding compiles it.
+"""Loops over the nodes of the plan: one erodes a bed under the columns of the flow, one gives birth; the binding compiles both.
 
-One pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what it erodes.
+The first is one pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what it
+erodes.
 ``rate`` and ``friction_stress`` stand for the laws of the scene: the binding puts them there.
 """
 
@@ -15,6 +16,7 @@ from runout.physics.heightfield import surface_at, upward_normal
 from runout.physics.tensors import tens, vec
 
 prange = range  # that of the compiler takes its place
+DITHER = 0.35  # particles by which the rounding of a pool differs from a half at most
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
 
 
@@ -60,6 +62,16 @@ class Reached(NamedTuple):
 
     fastest: np.ndarray  # (n,): the largest rate [m/s]
     nodes: np.ndarray  # (n, 2): first node that was eroded, and the one after the last
+
+
+class Pools(NamedTuple):
+    """Nodes (nx, ny) of square pools."""
+
+    owed: np.ndarray  # [m], less than nothing where particles came early
+    left: np.ndarray  # [m] that is not eroded yet
+    takes: np.ndarray  # [m] of a particle
+    born: np.ndarray  # particles that are born there
+    depth: np.ndarray  # [m] that is given for them
 
 
 def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed: Any):
@@ -152,3 +164,65 @@ def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, 
                 owed[i, j] += more
                 first, last = min(first, j), j + 1
         fastest[k], nodes[k, 0], nodes[k, 1] = largest, first, last
+
+
+def _pool_owes(owed: Any, low: Any, high: Any):
+    """What the nodes of a pool owe [m]: the sum, that of those which owe something, and the node that owes most."""
+    total, due, most, at = 0.0, 0.0, 0.0, (low[0], low[1])
+    for i in range(low[0], high[0]):
+        for j in range(low[1], high[1]):
+            total += owed[i, j]
+            due += max(owed[i, j], 0.0)
+            if owed[i, j] > most:
+                most, at = owed[i, j], (i, j)
+    return total, due, at
+
+
+def _pool_has(owed: Any, left: Any, low: Any, high: Any, share: float):
+    """Whether each node of a pool has what it gives, a ``share`` of what it owes."""
+    for i in range(low[0], high[0]):
+        for j in range(low[1], high[1]):
+            if share * max(owed[i, j], 0.0) > max(owed[i, j], 0.0) + left[i, j] + 1e-12:
+                return False
+    return True
+
+
+def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
+    """Particles for what square pools of nodes owe, rounded to whole ones at the node that owes most.
+
+    What is added before a number is rounded down is half a particle in the mean and differs by :data:`DITHER` from pool to pool, so
+    that a flow that is the same everywhere does not grow in jumps. Numbers are rounded upwards only where the nodes have so much.
+
+    Parameters
+    ----------
+    pools : Pools
+        ``born`` and ``depth`` are filled; they are zero before.
+    first : ndarray (2,) of int
+        The first node, counted from that of the plan.
+    steps : ndarray (2,)
+        By which the rounding moves from node to node along each axis [1].
+    late : float
+        [particles] that a pool may owe more than at the last births; 0: numbers are rounded down.
+    size : int
+        Nodes of a pool along each axis.
+    """
+    owed, born, depth = pools.owed, pools.born, pools.depth
+    rows, columns = owed.shape
+    for i0 in range(0, rows, size):
+        for j0 in range(0, columns, size):
+            low, high = (i0, j0), (min(i0 + size, rows), min(j0 + size, columns))
+            total, due, at = _pool_owes(owed, low, high)
+            if due <= 0.0:
+                continue
+            each = pools.takes[at[0], at[1]]
+            particles = max(total, 0.0) / each + 1e-9
+            whole = number = math.floor(particles)
+            if late > 0.0:
+                place = (first[0] + i0) * steps[0] + (first[1] + j0) * steps[1]
+                number = math.floor(particles + 0.5 + DITHER * (1.0 - 2.0 * (place - math.floor(place))) + 0.25 * late)
+            if not _pool_has(owed, pools.left, low, high, number * each / due):
+                number = whole
+            born[at[0], at[1]] = number
+            for i in range(low[0], high[0]):
+                for j in range(low[1], high[1]):
+                    depth[i, j] = max(owed[i, j], 0.0) / due * (number * each)

@@ -6,7 +6,8 @@ number and the density of the mass above, and with the pore pressure of the bed.
 ground by all that is eroded, so that it stays smooth; maps and ledger hold what became particles. The grid passes momentum to these
 in the next transfer.
 
-Updates come so often that the fastest particle goes half a cell and the bed falls by 2 % of a cell at most between two of them.
+Updates come when births are due, and so often that between two of them the fastest particle goes two cells and the bed falls by
+2 % of a cell at most.
 """
 
 import logging
@@ -40,7 +41,7 @@ from runout.simulation.bed_share import DepositMass
 from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births
 
 LOGGER = logging.getLogger(__name__)
-TRAVEL = 0.5  # cells that the fastest particle may go between two updates
+TRAVEL = 2.0  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
 LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth takes as long as a few steps
 CELLS_OF_A_THREAD = 2**12  # nodes that are worth a thread of their own
@@ -150,15 +151,14 @@ class ErodingBed:
         lasting, self.time = time - self.time, time
         node_sums = engine.node_columns() if isinstance(engine, WindowBackend) else None
         columns = Columns.within(node_sums, self.first, self.shape) if node_sums is not None else None
-        fastest = 0.0
-        if columns is not None:
-            fastest = self._erode(engine, columns, lasting)
-            if 4.0 * self.area * fastest * (time - self.births_at) >= LATE * self.volume or fastest == 0.0:
-                self.births_at = time
-                self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
+        fastest = self._erode(engine, columns, lasting) if columns is not None else 0.0
+        between = LATE * self.volume / (4.0 * self.area * max(fastest, 1e-12))  # [s] from births to the next
+        if columns is not None and (time - self.births_at >= between or fastest == 0.0):
+            self.births_at = time
+            self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
         g, h = math.hypot(*self.scene.gravity), min(self.scene.spacing)
         travel = array_binding().bed.time_to_travel(TRAVEL * h, engine.max_speed, max(g, 1e-12))
-        self.due = time + min(float(travel), LOWERING * h / max(fastest, 1e-12))
+        self.due = min(time + float(travel), time + LOWERING * h / max(fastest, 1e-12), self.births_at + between)
 
     def _erode(self, engine: Backend, columns: Columns, lasting: float) -> float:
         """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""

@@ -1,16 +1,19 @@
 """Nodes of the plan: columns of the flow around them, sums by area, and the particles that they give for what is eroded."""
 
 from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
+from runout.backends import bed_loops
+from runout.backends.compile import numba_binding
 from runout.backends.protocol import NodeSums
 from runout.model.nodal_surface import TILE, WIDTH, NodalSurface
 from runout.model.scene import Raster, Scene
 from runout.release import arrangement
 
 POOL_WIDTHS = 2, 4, 8, 16  # nodes
-DITHER = 0.35  # particles by which the rounding of a pool differs from a half at most
 THINNEST = 1e-6  # [m] of a bed; less is rounding
 
 
@@ -93,39 +96,13 @@ class GroundCoefficients:
         self.known[i - self.begin[0], j - self.begin[1]] = True
 
 
-def _pooled(values: np.ndarray, size: int) -> np.ndarray:
-    """Values (nx, ny) of nodes by square pools, ``size`` nodes wide: (pools, nodes); 0 beyond the window."""
-    padded = np.pad(values, [(0, -n % size) for n in values.shape]) if any(n % size for n in values.shape) else values
-    nx, ny = padded.shape[0] // size, padded.shape[1] // size
-    return padded.reshape(nx, size, ny, size).transpose(0, 2, 1, 3).reshape(nx * ny, size * size)
-
-
-def _unpooled(pools: np.ndarray, size: int, shape: tuple[int, int]) -> np.ndarray:
-    """Values (nx, ny) of nodes from those by pools."""
-    nx, ny = (-(-n // size) for n in shape)
-    whole = pools.reshape(nx, ny, size, size).transpose(0, 2, 1, 3).reshape(nx * size, ny * size)
-    return whole[: shape[0], : shape[1]]
-
-
-def _rounding_of(first: tuple[int, int], shape: tuple[int, int], size: int) -> np.ndarray:
-    """What is added to the particles that a pool owes before they are rounded down, half a particle in the mean, by pools (n,).
-
-    It differs by :data:`DITHER` from pool to pool, so that a flow that is the same everywhere does not grow in jumps. The window of
-    nodes has a ``first`` one, counted from that of the plan, and a ``shape``.
-    """
-    i, j = (start + np.arange(0, n, size) for start, n in zip(first, shape, strict=True))
-    steps = (i[:, None] * arrangement.PLASTIC[0] + j * arrangement.PLASTIC[1]) % 1.0
-    return (0.5 + DITHER * (1.0 - 2.0 * steps)).ravel()  # type: ignore[no-any-return]
-
-
 def births(
     owed: np.ndarray, left: np.ndarray, takes: np.ndarray, first: tuple[int, int], late: float, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Number of particles (nx, ny) that are born at each node, and the depth (nx, ny) [m] that each node gives for them.
 
-    A square pool of nodes gives birth to what it owes, rounded to whole particles at the node that owes most, upwards only where
-    its nodes have so much left. Births come so often that no pool owes ``late`` more than at the last; those that need no more than
-    a quarter of that are due, so that births are about as often early as late.
+    Births come so often that no pool owes ``late`` more than at the last; those that need no more than a quarter of that are due,
+    so that births are about as often early as late. The loop is :func:`runout.backends.bed_loops.round_pools`.
 
     Parameters
     ----------
@@ -139,24 +116,16 @@ def births(
         Nodes of a pool along each axis.
     """
     count, depth = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
-    pools, across = _pooled(owed, size), -(-owed.shape[1] // size)
-    owing = np.flatnonzero((pools > 0.0).any(axis=1))
-    held = pools[owing]
-    due, most = np.maximum(held, 0.0), held.argmax(axis=1)
-    i, j = (size * pool + node for pool, node in zip(divmod(owing, across), divmod(most, size), strict=True))
-    each = takes[i, j]
-    particles = np.maximum(held.sum(axis=1), 0.0) / each + 1e-9
-    rounding = _rounding_of(first, owed.shape, size)[owing] if late > 0.0 else 0.0
-    rounded = particles + rounding + 0.25 * late
-    if not (rounded >= 1.0).any():
-        return count, depth
-    part_of_due, number = due / due.sum(axis=1, keepdims=True), np.floor(rounded)
-    fits = (part_of_due * (number * each)[:, None] <= due + _pooled(left, size)[owing] + 1e-12).all(axis=1)
-    number = np.where(fits, number, np.floor(particles)).astype(np.int64)
-    count[i, j] = number
-    by_pool = np.zeros(pools.shape)
-    by_pool[owing] = part_of_due * (number * each)[:, None]
-    return count, _unpooled(by_pool, size, owed.shape)
+    pools = bed_loops.Pools(np.ascontiguousarray(owed), np.ascontiguousarray(left), takes, count, depth)
+    steps = np.array(arrangement.PLASTIC[:2], np.float64)
+    _loops().round_pools(pools, np.array(first, np.int64), steps, float(late), size)
+    return count, depth
+
+
+@cache
+def _loops() -> SimpleNamespace:
+    """The compiled loop over pools, which knows no law."""
+    return numba_binding(np.float64, False).kernels(bed_loops)
 
 
 @dataclass

@@ -8,11 +8,14 @@ import pytest
 from scenes import HARD, box, engine_of, plane, scene
 
 from runout import Bed, DruckerPrager, EnergyErosion, FrictionZones, GrowthErosion, JumpErosion, PorePressure, RammsErosion, Terrain
+from runout.backends import bed_loops
 from runout.backends.protocol import BACKENDS
 from runout.errors import ConfigError
 from runout.model.erosion_laws import EROSIONS
+from runout.release.arrangement import PLASTIC
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.erosion import ErodingBed
+from runout.simulation.plan_nodes import births
 from runout.simulation.run import Run, RunControl
 from runout.studies.verification_cases.eroded_layer import eroded_layer, grown_volume, left_of_a_bed
 
@@ -167,7 +170,6 @@ def test_compiled_rate_is_that_of_plain_python(law):
     """The kernel passes thickness, stresses and depth normal to the ground, and the parameters in SI units."""
     from types import SimpleNamespace
 
-    from runout.backends import bed_loops
     from runout.model.friction_laws import FRICTIONS, numbers_of
     from runout.physics import bed
     from runout.physics.heightfield import upward_normal
@@ -421,3 +423,18 @@ def wall_beside():
     from runout.backends.scan.warm_up import side_wall
 
     return replace(side_wall(), origin=(6.0, 16.05, -4.0))
+
+
+@pytest.mark.parametrize(("late", "left", "born"), [(0.0, 1.0, 3), (0.25, 1.0, 4), (0.25, 0.0, 3)])
+def test_a_pool_gives_whole_particles_where_it_owes_most_and_rounds_up_only_what_it_has(late, left, born):
+    """Of 2 x 2 nodes the first four owe 3.5 particles, the others 0.7; the rounding adds 0.5 + 0.35 + late / 4 to the first."""
+    owed = np.array([[0.05, 0.2], [0.1, 0.0], [0.09, 0.0], [-0.02, 0.0]])
+    count, depth = births(owed, np.full(owed.shape, left), np.full(owed.shape, 0.1), (0, 0), late, 2)
+    assert count[0, 1] == born
+    np.testing.assert_allclose(depth[:2], owed[:2] / 0.35 * born * 0.1, rtol=1e-14)
+    pools = bed_loops.Pools(owed, np.full(owed.shape, left), np.full(owed.shape, 0.1), 0 * count, 0.0 * depth)
+    bed_loops.round_pools(pools, np.zeros(2, np.int64), np.array(PLASTIC[:2]), late, 2)
+    np.testing.assert_array_equal(pools.born, count)
+    np.testing.assert_array_equal(pools.depth, depth)
+    if late == 0.0:
+        assert count.sum() == 3
