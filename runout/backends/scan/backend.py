@@ -30,7 +30,7 @@ from runout.backends.scan.index import Index, require_held
 from runout.backends.scan.kernels import entries_for, reads_nodes
 from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
-from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_of
+from runout.backends.scan.state import NO_STAMP, SELDOM, Store, capacity, reserve, stamp_of
 from runout.backends.scan.structures import Structures
 from runout.backends.scan.totals import Totals, add_up
 from runout.backends.scan.unloading import unloaded
@@ -255,7 +255,7 @@ class ScanBackend:
         self._to_grid(dt, substeps)
         grid.drain(self.k, self.index.blocks, self.workspace, self.tables)
         clock("p2g")
-        self._solve_contacts(time_ahead(substeps * dt, dt))
+        self._solve_contacts(time_ahead(substeps * dt, dt), last=substeps == 1)
         if self.structures:
             b, t, steps = self.index.blocks, self.tables, self.counters.steps
             self.structures.find(self.k, s, b, t, steps, substeps, self.totals.max_speed)
@@ -319,15 +319,16 @@ class ScanBackend:
         s, b, t = self.store, self.index.blocks, self.tables
         self.totals.plastic_dissipation += grid.substep(self.k, s, b, self.workspace, t, self.workers.buffers, first)
         clock("substep")
-        self._solve_contacts(again=True)
+        self._solve_contacts(again=True, last=last)
         if self.structures:
             self.structures.push(self.k, s, t, self.counters.steps, self.workspace.grid, not last)
         clock("contact")
 
-    def _solve_contacts(self, ahead: float = 0.0, again: bool = False) -> None:
+    def _solve_contacts(self, ahead: float = 0.0, again: bool = False, last: bool = True) -> None:
         """Impulses of the ground, with the friction where particles are after a time ``ahead`` [s].
 
-        Those of a later substep meet the zones and areas of the first one ``again``.
+        Those of a later substep meet the zones and areas of the first one ``again``. The next transfer starts from the forces of
+        the ``last`` one.
         """
         parts, c = (self.k, self.store, self.index.blocks, self.workspace, self.tables), self.tables.constants
         law, w = self.scene.basal.law, self.workspace
@@ -337,7 +338,8 @@ class ScanBackend:
                 self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, *where)
             if law.uses_area and not again:
                 self.k.sum_columns(w.grid.shared, w.columns)
-            grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)), not again)
+            stamp = self.scene.dtype(stamp_of(self.counters.steps) if last else NO_STAMP)
+            grid.push(*parts, self.totals, stamp, not again)
         if law.drags_column and self.scene.surface is not None:
             self._slow_columns(again)
 

@@ -30,6 +30,7 @@ BY_SLOT: dict[str, tuple[int, Any]] = {  # arrays of slots: numbers a slot, and 
     "listed": (0, np.int32),
 }  # fmt: skip
 SELDOM = 20  # steps: gaps are not closed more often, unless that takes a fifth more slots
+NO_STAMP = -1  # of a substep whose forces nothing starts from
 
 
 def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
