@@ -77,10 +77,10 @@ def softened_part(excess: Any, softened: Any, mat: Any):
     return real(1.0)
 
 
-def return_to_softened_cone(h: Any, softened: Any, mat: Any):
-    """Hencky strain [1] on or in the cone, or at its apex, and the softened part [1] then."""
+def return_to_softened_cone(h: Any, softened: Any, slope: Any, mat: Any):
+    """Hencky strain [1] on or in the cone with a ``slope`` [1], or at its apex, and the softened part [1] then."""
     loss = mat.cone_intercept - mat.residual_intercept
-    friction = mat.cone_slope * pressure(h, mat)
+    friction = slope * pressure(h, mat)
     q = deviatoric_stress(h, mat)
     limit = friction + mat.cone_intercept - loss * softened
     if q <= limit:
@@ -90,14 +90,15 @@ def return_to_softened_cone(h: Any, softened: Any, mat: Any):
         part = softened_part(q - limit, softened, mat)
     limit = friction + mat.cone_intercept - loss * part
     if limit <= real(0.0):
-        return apex(mat.residual_intercept, mat.cone_slope, mat), real(1.0)
+        return apex(mat.residual_intercept, slope, mat), real(1.0)
     return shifted(scaled(deviator(h), limit / q), trace(h) * (real(1.0) / real(3.0))), part
 
 
-def update(h: Any, history: Any, mat: Any):
+def update(h: Any, history: Any, mat: Any, effective: Any):
     """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the softened part, below 0, or, once that is all, the log volume gained at the apex, above 0 [1].
+    ``history`` is the softened part, below 0, or, once that is all, the log volume gained at the apex, above 0 [1]. Where grains
+    carry the share ``effective`` [1] of the mean stress, the cone is flatter by that share.
     """
     softened = -history
     gained = real(0.0)
@@ -105,7 +106,7 @@ def update(h: Any, history: Any, mat: Any):
         softened = real(1.0)
         gained = history * mat.volume_correction
     pressed = shifted(h, gained * (real(1.0) / real(3.0)))
-    new, softened = return_to_softened_cone(pressed, softened, mat)
+    new, softened = return_to_softened_cone(pressed, softened, effective * mat.cone_slope, mat)
     left = -softened
     if softened >= real(1.0):
         left = max(gained_volume(pressed, new), real(1.0e-12))  # not 0, which is that of intact material

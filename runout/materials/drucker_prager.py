@@ -36,7 +36,6 @@ class DruckerPrager(Material):
 
     law: ClassVar[str] = "drucker_prager"
     history: ClassVar[str] = "log volume gained at the apex and not yet lost again [1]"
-    history_is_volume: ClassVar[bool] = True
     friction_angle: float = parameter(
         "internal friction angle of Mohr-Coulomb", unit="deg", low=0, high=60, typical=30.0, degrees=True, sampled=True
     )
@@ -127,20 +126,16 @@ def return_to_cone(h: Any, slope: Any, mat: Any):
     return shifted(scaled(deviator(h), limit / q), trace(h) * (real(1.0) / real(3.0)))
 
 
-def update(h: Any, history: Any, mat: Any):
+def update(h: Any, history: Any, mat: Any, effective: Any):
     """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the log volume gained at the apex and not yet lost again [1].
+    ``history`` is the log volume gained at the apex and not yet lost again [1]. Where grains carry the share ``effective`` [1]
+    of the mean stress, the cone is flatter by that share.
     """
-    return effective_update(h, history, mat, real(1.0))
-
-
-def effective_update(h: Any, history: Any, mat: Any, effective: Any):
-    """:func:`update` where grains carry the share ``effective`` [1] of the mean stress: a cone that is flatter by that share."""
     gained = history * mat.volume_correction
     pressed = shifted(h, gained * (real(1.0) / real(3.0)))
     new = return_to_cone(pressed, effective * mat.cone_slope, mat)
     return new, gained_volume(pressed, new), dissipated_energy(h, new, mat)
 
 
-register_law(DruckerPrager, update, effective_update)
+register_law(DruckerPrager, update)

@@ -29,7 +29,6 @@ class GranularFlow(Material):
 
     law: ClassVar[str] = "granular_flow"
     history: ClassVar[str] = "log volume gained without stress and not yet lost again [1]"
-    history_is_volume: ClassVar[bool] = True
     depends_on_rate: ClassVar[bool] = True
     static_friction: float = parameter(
         "friction coefficient of slow flow, the tangent of the angle of repose", low=0, high=2, typical=0.38, sampled=True
@@ -100,9 +99,9 @@ def plastic_shear(excess: Any, p: Any, mat: Any):
     return real(2.0) * excess * mat.inertial_constant / (root - b)
 
 
-def return_to_flow(h: Any, mat: Any):
-    """Hencky strain [1] after the return: on the flow curve, or without stress in tension."""
-    p = pressure(h, mat)
+def return_to_flow(h: Any, mat: Any, effective: Any):
+    """Hencky strain [1] after the return: on the flow curve of what grains carry, or without stress in tension."""
+    p = effective * pressure(h, mat)
     if p <= real(0.0):
         return isotropic(real(0.0))
     s = math.sqrt(real(2.0)) * mat.shear_modulus * norm(deviator(h))
@@ -113,13 +112,14 @@ def return_to_flow(h: Any, mat: Any):
     return shifted(scaled(deviator(h), left), trace(h) * (real(1.0) / real(3.0)))
 
 
-def update(h: Any, history: Any, mat: Any):
+def update(h: Any, history: Any, mat: Any, effective: Any):
     """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the log volume gained without stress and not yet lost again [1].
+    ``history`` is the log volume gained without stress and not yet lost again [1]. Friction acts on the share ``effective`` [1] of
+    the mean stress, which grains carry.
     """
     pressed = shifted(h, history * (real(1.0) / real(3.0)))
-    new = return_to_flow(pressed, mat)
+    new = return_to_flow(pressed, mat, effective)
     return new, gained_volume(pressed, new), dissipated_energy(h, new, mat)
 
 

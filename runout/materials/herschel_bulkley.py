@@ -28,7 +28,6 @@ class HerschelBulkley(Material):
 
     law: ClassVar[str] = "herschel_bulkley"
     history: ClassVar[str] = "log volume gained without stress and not yet lost again [1]"
-    history_is_volume: ClassVar[bool] = True
     depends_on_rate: ClassVar[bool] = True
     yield_stress: float = parameter(
         "shear stress below which it does not flow", unit="Pa", low=1, high=1e6, typical=2000.0, sampled=True, hint="2 kPa is 2.0e3"
@@ -79,10 +78,11 @@ def return_to_flow(h: Any, mat: Any):
     return shifted(scaled(deviator(h), left), trace(h) * (real(1.0) / real(3.0)))
 
 
-def update(h: Any, history: Any, mat: Any):
+def update(h: Any, history: Any, mat: Any, effective: Any):
     """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the log volume gained without stress and not yet lost again [1].
+    ``history`` is the log volume gained without stress and not yet lost again [1]. The share ``effective`` [1] of the mean stress
+    that grains carry changes nothing: stress does not depend on it.
     """
     pressed = shifted(h, history * (real(1.0) / real(3.0)))
     new = return_to_flow(pressed, mat)

@@ -167,9 +167,9 @@ def lost_volume(p: Any, q: Any, history: Any, mat: Any):
     return x
 
 
-def return_to_ellipse(h: Any, history: Any, mat: Any):
-    """Hencky strain [1] whose stress lies on or inside the ellipse, and the log volume [1] lost plastically."""
-    p = pressure(h, mat)
+def return_to_ellipse(h: Any, history: Any, mat: Any, effective: Any):
+    """Hencky strain [1] whose stress of grains lies on or inside the ellipse, and the log volume [1] lost plastically."""
+    p = effective * pressure(h, mat)
     q = deviatoric_stress(h, mat)
     ratio = q / mat.critical_state_slope
     if ratio * ratio + p * (p - consolidation(history, mat)) <= real(0.0):
@@ -184,20 +184,21 @@ def return_to_ellipse(h: Any, history: Any, mat: Any):
         share = mat.critical_state_slope * math.sqrt(left * (p_c - left)) / q
     else:
         share = square * d / (square * d + real(6.0) * mat.shear_modulus * x)
-    return shifted(scaled(deviator(h), min(share, real(1.0))), -left / (real(3.0) * bulk)), x
+    return shifted(scaled(deviator(h), min(share, real(1.0))), -left / (effective * (real(3.0) * bulk))), x
 
 
-def update(h: Any, history: Any, mat: Any):
+def update(h: Any, history: Any, mat: Any, effective: Any):
     """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the plastic log volume gained [1].
+    ``history`` is the plastic log volume gained [1]. The ellipse is that of the share ``effective`` [1] of the mean stress, which
+    grains carry.
     """
     known = history
     if history == real(0.0):
-        known = first_history(pressure(h, mat), deviatoric_stress(h, mat), mat)
+        known = first_history(effective * pressure(h, mat), deviatoric_stress(h, mat), mat)
         if pressure(h, mat) > real(0.0):
             return h, known, real(0.0)
-    new, x = return_to_ellipse(h, known, mat)
+    new, x = return_to_ellipse(h, known, mat, effective)
     return new, known - x, dissipated_energy(h, new, mat)
 
 

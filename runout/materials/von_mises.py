@@ -51,10 +51,11 @@ def return_to_strength(h: Any, mat: Any):
     return shifted(scaled(deviator(h), mat.undrained_strength / s), trace(h) * (real(1.0) / real(3.0)))
 
 
-def update(h: Any, history: Any, mat: Any):
+def update(h: Any, history: Any, mat: Any, effective: Any):
     """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the log volume gained without stress and not yet lost again [1].
+    ``history`` is the log volume gained without stress and not yet lost again [1]. The share ``effective`` [1] of the mean stress
+    that grains carry changes nothing: the strength does not depend on it.
     """
     pressed = shifted(h, history * (real(1.0) / real(3.0)))
     new = return_to_strength(pressed, mat)

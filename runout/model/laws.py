@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from types import FunctionType
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 PACKAGE = "runout.materials"
-ARGUMENTS = "h", "history", "mat"  # of ``update``: Hencky strain, history variable, record of parameters
+ARGUMENTS = "h", "history", "mat"  # of a return mapping: Hencky strain, history variable, record of parameters
 EFFECTIVE_ARGUMENTS = *ARGUMENTS, "effective"  # share of the mean stress that grains carry
 
 
@@ -26,8 +26,8 @@ EFFECTIVE_ARGUMENTS = *ARGUMENTS, "effective"  # share of the mean stress that g
 class Law(RegisteredLaw[Material]):
     """A registered law of the material."""
 
-    update: FunctionType | None  # return mapping, see :func:`register_law`; None for a material that never yields
-    effective_update: FunctionType | None = None  # the same by effective stress, of laws that state it
+    update: FunctionType | None  # return mapping (h, history, mat); None for a material that never yields
+    effective_update: FunctionType | None = None  # (h, history, mat, effective): the function of a law that states this one
     package = PACKAGE
 
     @property
@@ -42,7 +42,7 @@ class Law(RegisteredLaw[Material]):
 
     @property
     def functions(self) -> tuple[FunctionType, ...]:
-        """Its return mapping, and that by effective stress if it has one of its own."""
+        """Its return mapping, and that by effective stress if it states that one."""
         own: list[Any] = [self.update, self.effective_update]
         return tuple(f for f in own if f)
 
@@ -81,7 +81,7 @@ class Law(RegisteredLaw[Material]):
 
     @cached_property
     def effective_return(self) -> FunctionType:
-        """Its own return by effective stress, or :func:`runout.physics.plastic.effective_return` with the return of this law."""
+        """The return by effective stress that it states, or :func:`runout.physics.plastic.effective_return` with its return."""
         own: Any = self.effective_update
         if own:
             return own  # type: ignore[no-any-return]
@@ -112,9 +112,7 @@ class Law(RegisteredLaw[Material]):
 LAWS: Registry[Law] = Registry("material law", PACKAGE, "runout.laws", MaterialError)
 
 
-def register_law(
-    material: type[Material], update: Callable[..., Any] | None = None, effective_update: Callable[..., Any] | None = None
-) -> None:
+def register_law(material: type[Material], update: Callable[..., Any] | None = None) -> None:
     """Register a material law under the name ``material.law``.
 
     Parameters
@@ -122,30 +120,34 @@ def register_law(
     material : type of Material
         Frozen dataclass of keyword-only parameters, each made by a function of :mod:`runout.model.parameters`.
     update : function, optional
-        ``update(h, history, mat) -> (h, history, lost)``: Hencky strain [1] of the stress that is left of a trial strain ``h``, the
-        history variable, and the energy [J/m3] dissipated per stress-free volume. ``mat`` holds the numbers of
-        ``material.record()``. Plain scalar Python of the shared subset (:mod:`runout.model.registered_law`), compiled for every
-        backend. None for a material that never yields.
-    effective_update : function, optional
-        ``effective_update(h, history, mat, effective) -> (h, history, lost)``: the same where grains carry the share ``effective``
-        [1], above 0, of the mean stress, and water the rest. Without it, ``update`` gets strains with the share of the trace, which
-        takes longer (:func:`runout.physics.plastic.effective_return`).
+        ``update(h, history, mat, effective) -> (h, history, lost)``: Hencky strain [1] of the stress that is left of a trial strain
+        ``h``, the history variable, and the energy [J/m3] dissipated per stress-free volume. ``mat`` holds the numbers of
+        ``material.record()``. Grains carry the share ``effective`` [1], above 0, of the mean stress, and water the rest; without
+        pore pressure it is 1. Plain scalar Python of the shared subset (:mod:`runout.model.registered_law`), compiled for every
+        backend. None for a material that never yields. A function without ``effective`` gets strains with the share of the trace,
+        which takes longer (:func:`runout.physics.plastic.effective_return`).
 
     Raises
     ------
     MaterialError
         If the declaration is incomplete or inconsistent, or another law has the name.
     """
-    own = _function(material, update, "update", ARGUMENTS)
-    law = Law(material.law, material, own, _function(material, effective_update, "effective_update", EFFECTIVE_ARGUMENTS))
+    own = _return_mapping(material, update)
+    if own and len(inspect.signature(own).parameters) == len(EFFECTIVE_ARGUMENTS):
+        law = Law(material.law, material, calling(plastic.dry_return, effective_return=own), own)
+    else:
+        law = Law(material.law, material, own)
     register(LAWS, law, Material, MaterialError, _require_finite_record)
 
 
-def _function(material: type[Material], given: Any, name: str, arguments: Sequence[str]) -> FunctionType | None:
+def _return_mapping(material: type[Material], given: Any) -> FunctionType | None:
+    """The function that a law states, of a fitting number of arguments. Raises MaterialError for anything else."""
     if given is None:
         return None
-    if not isinstance(given, FunctionType) or len(inspect.signature(given).parameters) != len(arguments):
-        raise MaterialError(f"law {material.law}: {name} must be a plain function of ({', '.join(arguments)}), not {given!r}")
+    counts = len(ARGUMENTS), len(EFFECTIVE_ARGUMENTS)
+    if not isinstance(given, FunctionType) or len(inspect.signature(given).parameters) not in counts:
+        wanted = f"({', '.join(EFFECTIVE_ARGUMENTS)}) or ({', '.join(ARGUMENTS)})"
+        raise MaterialError(f"law {material.law}: update must be a plain function of {wanted}, not {given!r}")
     return given
 
 

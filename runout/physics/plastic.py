@@ -128,6 +128,11 @@ def effective_return(h: Any, history: Any, mat: Any, effective: Any):
     return total, left, lost + by_water
 
 
+def dry_return(h: Any, history: Any, mat: Any):
+    """:func:`law_return` of a law that states its return by effective stress, where grains carry all of the mean stress."""
+    return effective_return(h, history, mat, real(1.0))
+
+
 def effective_step(B: Any, L: Any, history: Any, mat: Any, effective: Any):
     """:func:`step` by effective stress."""
     trial = trial_strain(B, L)

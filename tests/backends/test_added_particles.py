@@ -9,6 +9,7 @@ from scenes import SAND, assert_close_states, box, engine_of, plane, scene
 
 from runout import PorePressure
 from runout.backends.protocol import BACKENDS, get_backend
+from runout.backends.scan.groups import Ground
 from runout.errors import CapacityError, StabilityError
 from runout.model.particles import Particles
 
@@ -203,6 +204,21 @@ def test_ground_that_is_lowered_is_as_good_as_one_that_was_low(name):
     np.testing.assert_allclose(fallen.ground.change, low.ground.change, atol=1e-15)
     assert_near(state_of(expected), state_of(engine), 1e-10)
     assert engine.ledger().contact_particles == expected.ledger().contact_particles
+
+
+def test_blocks_that_stay_have_the_tiles_that_a_new_cut_gives():
+    """After some indices, mass that joined and ground that was lowered before a step and before a new index."""
+    engine = engine_of("scan")
+    running(engine, sloped(), mass(speed=20.0), 10, dt=4e-3)
+    for turn in range(3):
+        engine.lower((20 + 2 * turn, 30), np.full((6, 4), 0.02))
+        engine.add(mass((22.5, 31.0, 0.5), (3.0, 3.0, 0.5), 1000 * (turn + 1), 3.0))
+        go_on(engine, 60, 1, 4e-3)
+    assert engine.counters.rebuilds > 6
+    anew = Ground(*(np.full_like(values, np.nan) for values in engine.workspace.ground))
+    engine._cut_tiles(engine.index.blocks, anew)
+    for expected, found in zip(anew, engine.workspace.ground, strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 @EACH

@@ -209,15 +209,20 @@ def test_a_ratio_takes_no_memory_of_particles_where_it_is_that_of_all():
     assert held == [(4 * n, 4), (4 * n, 4 * n), (4, 4), (4, 4 * n)]
 
 
+@pytest.mark.parametrize("releases", [1, 2])
 @pytest.mark.parametrize("ratio", ["one", "many"])
-def test_one_number_for_all_gives_the_bits_of_a_number_for_each(monkeypatch, ratio):
-    scene, p = decaying(0.7 if ratio == "one" else np.linspace(0.5, 0.7, len(decaying()[1])))
+def test_one_number_for_a_release_gives_the_bits_of_a_number_for_each_particle(monkeypatch, ratio, releases):
+    scene, p = decaying(0.7) if releases == 1 else two_masses(precision="float32")
+    pores = (PorePressure(ratio=0.7, decay_time=0.7), PorePressure(ratio=0.5, decay_time=0.3))
+    scene = replace(scene, pore_pressure=pores[:releases])
+    p.pore_excess[:] = 0.6 if ratio == "one" else np.linspace(0.5, 0.7, len(p))
     found = []
     for shared in (True, False):
         if not shared:
-            monkeypatch.setattr(state, "_drains_in_a_time", lambda pores: False)
+            monkeypatch.setattr(state, "_parts_by_release", lambda *of_particles: None)
         engine = after(ScanBackend(1), scene, p, 10)
-        assert (len(engine.store.pore_left) == 1) == shared
+        assert engine.store.drains_alike == shared
+        assert len(engine.store.pore_left) == (releases if shared else len(p))
         found.append((engine.particles(), engine.ledger()))
     assert_same_numbers(found[0][0], found[1][0])
     assert_same_numbers(found[0][1], found[1][1])

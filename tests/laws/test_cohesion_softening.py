@@ -70,12 +70,12 @@ def test_before_it_yields_and_without_loss_it_is_drucker_prager():
 
 def test_what_comes_apart_has_lost_its_bonds_and_must_close_up():
     mat = record(SOIL)
-    new, history, _ = cohesion_softening.update((5e-3, 5e-3, 5e-3, 0.0, 0.0, 0.0), 0.0, mat)
+    new, history, _ = cohesion_softening.update((5e-3, 5e-3, 5e-3, 0.0, 0.0, 0.0), 0.0, mat, 1.0)
     apex = drucker_prager.apex(mat.residual_intercept, mat.cone_slope, mat)
     assert new == apex
     assert history == pytest.approx(15e-3 - 3 * apex[0])
     closing = (apex[0] - 1e-3,) * 3 + (0.0, 0.0, 0.0)
-    new, left, _ = cohesion_softening.update(closing, history, mat)
+    new, left, _ = cohesion_softening.update(closing, history, mat, 1.0)
     assert new == apex
     assert left == pytest.approx(history - 3e-3)
 
@@ -83,7 +83,7 @@ def test_what_comes_apart_has_lost_its_bonds_and_must_close_up():
 @given(st.tuples(*[st.floats(-0.02, 0.02)] * 6), st.floats(-1.0, 0.02), st.floats(0.1, 10.0))
 def test_what_is_left_is_admissible_and_softening_never_heals(h, history, cell):
     mat = record(SOIL, cell_size=cell)
-    new, left, _ = cohesion_softening.update(h, history, mat)
+    new, left, _ = cohesion_softening.update(h, history, mat, 1.0)
     part = 1.0 if left > 0 else -left
     assert part >= min(1.0, -history if history <= 0 else 1.0)
     intercept = mat.cone_intercept + part * (mat.residual_intercept - mat.cone_intercept)

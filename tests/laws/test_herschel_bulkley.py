@@ -54,7 +54,7 @@ def test_newton_finds_the_viscous_stress(excess, index, dt):
 )  # fmt: skip
 def test_what_is_left_lies_between_yield_and_trial_stress(h, history, yield_stress, consistency, index, dt):
     mat = record(replace(MUD, yield_stress=yield_stress, consistency=consistency, flow_index=index), time_step=dt)
-    new, left, lost = herschel_bulkley.update(h, history, mat)
+    new, left, lost = herschel_bulkley.update(h, history, mat, 1.0)
     s, trial = shear_stress(new, mat), shear_stress(h, mat)
     assert s <= trial * (1 + 1e-9)
     assert elastic.pressure(new, mat) >= -1e-9

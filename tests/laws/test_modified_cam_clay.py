@@ -153,7 +153,7 @@ def test_what_is_left_is_admissible_and_dissipates(h, logarithm, slope, plastic,
         CLAY, critical_state_slope=slope, compression_slope=plastic + 1e-3, swelling_slope=1e-3, preconsolidation_pressure=p_c
     )
     mat, history = record(clay), plastic * logarithm or SET
-    new, left, lost = cam_clay.update(h, history, mat)
+    new, left, lost = cam_clay.update(h, history, mat, 1.0)
     (p, q), (p_trial, q_trial) = invariants(new, mat), invariants(h, mat)
     unit = abs(p_trial) + q_trial + cam_clay.consolidation(history, mat)
     assert (q / slope) ** 2 + p * (p - cam_clay.consolidation(left, mat)) <= 1e-9 * unit * unit
@@ -168,10 +168,10 @@ def test_first_step_takes_the_consolidation_from_the_stress_and_the_ratio():
     wanted = p + q * q / (M * M * p)
     assert wanted > P_C
     for ratio in (1.0, 3.0):
-        new, history, lost = cam_clay.update(h, 0.0, record(replace(CLAY, overconsolidation_ratio=ratio)))
+        new, history, lost = cam_clay.update(h, 0.0, record(replace(CLAY, overconsolidation_ratio=ratio)), 1.0)
         assert (new, lost) == (h, 0.0)
         assert cam_clay.consolidation(history, MAT) == pytest.approx(ratio * wanted, rel=1e-12)
-    _, history, _ = cam_clay.update((-1e-4, -1e-4, -1e-4, 0.0, 0.0, 0.0), 0.0, MAT)
+    _, history, _ = cam_clay.update((-1e-4, -1e-4, -1e-4, 0.0, 0.0, 0.0), 0.0, MAT, 1.0)
     assert history == SET
 
 

@@ -189,21 +189,13 @@ def of_two(h, mat):
             r"test_registry.py: by_power cannot be compiled: line \d+: \*\* with an integer does not compile in warp: multiply",
         ),
         (by_module, "np is a module; import the names that are used from it"),
-        (of_two, r"update must be a plain function of \(h, history, mat\)"),
+        (of_two, r"update must be a plain function of \(h, history, mat, effective\) or \(h, history, mat\)"),
+        (by_power_of_the_share, r"\*\* with an integer does not compile in warp"),
     ],
 )
 def test_a_law_that_compilers_would_not_read_alike_is_refused(update, said):
     with pytest.raises(MaterialError, match=said):
         runout.register_law(Sound, update)
-
-
-def test_a_law_by_effective_stress_is_checked_as_its_update_is():
-    for effective_update, said in (
-        (of_two, r"effective_update must be a plain function of \(h, history, mat, effective\)"),
-        (by_power_of_the_share, r"\*\* with an integer does not compile in warp"),
-    ):
-        with pytest.raises(MaterialError, match=said):
-            runout.register_law(Sound, quadratic_flow.update, effective_update)
 
 
 def test_a_law_needs_a_name_of_its_own_and_declared_parameters():

@@ -34,7 +34,7 @@ def test_simple_shear_ends_at_the_strength_at_any_pressure(pressure):
 @given(st.tuples(*[st.floats(-0.02, 0.02)] * 6), st.floats(0.0, 0.02))
 def test_what_is_left_is_admissible_keeps_the_volume_and_carries_no_tension(h, history):
     mat = record(CLAY)
-    new, left, lost = von_mises.update(h, history, mat)
+    new, left, lost = von_mises.update(h, history, mat, 1.0)
     assert shear_stress(new, mat) <= 20e3 * (1 + 1e-12)
     assert elastic.pressure(new, mat) >= -1e-9
     assert trace(new) + left == pytest.approx(trace(h) + history, abs=1e-14)
@@ -43,9 +43,9 @@ def test_what_is_left_is_admissible_keeps_the_volume_and_carries_no_tension(h, h
 
 def test_what_comes_apart_carries_nothing_until_it_has_closed_up():
     mat = record(CLAY)
-    h, gained, lost = von_mises.update((1e-3, 1e-3, 1e-3, 2e-4, 0.0, 0.0), 0.0, mat)
+    h, gained, lost = von_mises.update((1e-3, 1e-3, 1e-3, 2e-4, 0.0, 0.0), 0.0, mat, 1.0)
     assert (h, lost) == ((0.0,) * 6, 0.0)
-    h, left, _ = von_mises.update((-5e-4, -5e-4, -5e-4, 0.0, 0.0, 0.0), gained, mat)
+    h, left, _ = von_mises.update((-5e-4, -5e-4, -5e-4, 0.0, 0.0, 0.0), gained, mat, 1.0)
     assert h == (0.0,) * 6
     assert left == pytest.approx(1.5e-3)
 

@@ -139,7 +139,7 @@ def _warp_kernels(real: type, law: Law | FrictionLaw | None) -> ModuleType:
 def _function(binding: Any, case: Case):
     if case.law:
         own = binding.friction(case.law) if isinstance(case.law, FrictionLaw) else binding.law(case.law)
-        return getattr(own, case.function.__name__)
+        return own.own[case.function]
     return getattr(getattr(binding, case.function.__module__.rsplit(".", 1)[-1]), case.function.__name__)
 
 

@@ -195,6 +195,7 @@ CASES = [
     Case(plastic.volume_share, "ss", "s", (between(-1.0, 1.0), share)),
     Case(plastic.with_trace, "ys", "y", (strain, share)),
     Case(plastic.effective_return, "ysms", "yss", (strain, remembered, share)),
+    Case(plastic.dry_return, "ysm", "yss", (strain, remembered)),
     Case(plastic.effective_step, "ytsms", "yyss", (strain, rate, remembered, share)),
     Case(plastic.effective_step_small, "ytsms", "yysss", (strain, rate, remembered, share)),
     Case(pore_pressure.equilibrium_ratio, "ss", "s", (share, between(500, 3000))),

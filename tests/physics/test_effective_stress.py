@@ -1,5 +1,6 @@
 """Pore pressure: closure of consolidation, effective stress in the mass and at the ground."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,29 +66,44 @@ def test_scaled_trace_is_a_cone_of_reduced_slope():
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["drucker_prager", "granular_flow", "herschel_bulkley"])
-def test_a_law_sees_the_effective_strain_and_gained_volume(name):
-    law = LAWS.find(name)
+def histories(law, gained):
+    """Histories (n,) that states of a law may have, and the factor [1] of one where the strain has that of the trace."""
+    if law.name == "modified_cam_clay":
+        return np.where(gained > 0.0, -0.05 * gained, 0.0), plastic.history_share
+    if law.name == "cohesion_softening":
+        return np.where(gained > 0.0, gained, np.linspace(-0.9, 0.0, len(gained))), plastic.volume_share
+    return gained, plastic.volume_share
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS.of_runout() if law.update], ids=lambda law: law.name)
+def test_a_return_by_effective_stress_is_that_of_the_strain_with_a_scaled_trace(law):
+    """Strain, history and energy are those that the general return makes of the law without pore pressure."""
     mat = SimpleNamespace(**{**law.example.record(), "time_step": 1e-3})
-    for strain, gained, share in zip(*(a.tolist() for a in states(2)), strict=True):
-        new, left, lost = law.effective_return(tuple(strain), gained, mat, share)
-        grains, left_of_grains, _ = law.update(plastic.with_trace(tuple(strain), share), share * gained, mat)
-        np.testing.assert_allclose(plastic.with_trace(new, share), grains, rtol=0, atol=1e-15)
-        assert left * share == pytest.approx(left_of_grains, abs=1e-16)
-        if gained == 0.0:  # flow and stress of the whole mass
-            assert lost == pytest.approx(plastic.dissipated_energy(tuple(strain), new, mat), rel=1e-9, abs=1e-9)
-
-
-def test_the_flatter_cone_gives_what_the_scaled_trace_gives():
-    """Drucker-Prager has a return of its own by effective stress: strain, gained volume and energy are those of the general one."""
-    law, mat = law_of(SOIL), SimpleNamespace(**SOIL.record())
-    general = calling(plastic.effective_return, law_return=law.update, history_share=plastic.volume_share)
-    for strain, gained, share in zip(*(a.tolist() for a in states(5)), strict=True):
-        found, left, lost = law.effective_return(tuple(strain), gained, mat, share)
-        new, expected_left, expected_lost = general(tuple(strain), gained, mat, share)
+    strains, gained, shares = states(5)
+    of_states, scaling = histories(law, gained)
+    general = calling(plastic.effective_return, law_return=law.update, history_share=scaling)
+    flowed = 0
+    for strain, history, share in zip(map(tuple, strains.tolist()), of_states.tolist(), shares.tolist(), strict=True):
+        found, left, lost = law.effective_return(strain, history, mat, share)
+        new, expected_left, expected_lost = general(strain, history, mat, share)
         np.testing.assert_allclose(found, new, rtol=1e-12, atol=1e-14)
-        assert left == pytest.approx(expected_left, rel=1e-12, abs=1e-14)
+        assert left == pytest.approx(expected_left, rel=1e-12, abs=1e-10)
         assert lost == pytest.approx(expected_lost, rel=1e-9, abs=1e-7)
+        flowed += found != strain
+    assert flowed > STATES // 20
+
+
+def test_a_law_without_effective_stress_gets_a_strain_with_a_scaled_trace(monkeypatch):
+    """A law of one's own: with the whole gained volume where its history is one, else with its history as it is."""
+    law = law_of(SOIL)
+    for is_volume in (True, False):
+        monkeypatch.setattr(DruckerPrager, "history_is_volume", is_volume)
+        found = replace(law, effective_update=None).effective_return
+        mat, share, gained = SimpleNamespace(**SOIL.record()), 0.4, 0.004
+        new, left, _ = found(strain := (-0.02, -0.01, -0.01, 0.02, 0.0, 0.0), gained, mat, share)
+        grains, of_grains, _ = law.update(plastic.with_trace(strain, share), gained * (share if is_volume else 1.0), mat)
+        np.testing.assert_allclose(plastic.with_trace(new, share), grains, rtol=0, atol=1e-15)
+        assert left == pytest.approx(of_grains / (share if is_volume else 1.0), abs=1e-16)
 
 
 def test_an_elastic_state_keeps_its_bits():
@@ -113,21 +129,3 @@ def acting(law):
     from runout.model.basal_friction import MassAbove
 
     return law.friction.acting(law.example.numbers(), MassAbove(0.6, 2000.0, 9.81)).values()
-
-
-def test_softened_part_of_a_wet_mass_is_that_of_its_grains():
-    """Its history is no volume below 0: the softening goes on from what the law itself has noted."""
-    law = LAWS.find("cohesion_softening")
-    mat = SimpleNamespace(**{**law.example.record(), "cell_size": 2.0})
-    rng = np.random.default_rng(3)
-    for strain, share in zip(states(4)[0].tolist(), rng.uniform(0.03, 1.0, STATES).tolist(), strict=True):
-        softened = -rng.uniform(0.0, 0.9)
-        _, left, _ = law.effective_return(tuple(strain), softened, mat, share)
-        _, of_grains, _ = law.update(plastic.with_trace(tuple(strain), share), softened, mat)
-        assert left == (of_grains if of_grains < 0.0 else pytest.approx(of_grains / share, rel=1e-12))
-
-
-def test_laws_say_whether_their_history_is_a_volume():
-    assert {law.name for law in LAWS.of_runout() if law.material.history_is_volume} == {
-        "drucker_prager", "granular_flow", "herschel_bulkley", "cohesion_softening"
-    }  # fmt: skip

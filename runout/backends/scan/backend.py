@@ -30,7 +30,7 @@ from runout.backends.scan.index import Index, require_held
 from runout.backends.scan.kernels import entries_for, reads_nodes
 from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
-from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_of
+from runout.backends.scan.state import NO_STAMP, SELDOM, Store, capacity, reserve, stamp_of
 from runout.backends.scan.structures import Structures
 from runout.backends.scan.totals import Totals, add_up
 from runout.backends.scan.unloading import unloaded
@@ -67,6 +67,8 @@ class ScanBackend:
     index : str
         "sparse", or "dense" for every block in the box around the particles: what the sparse index is measured against.
     """
+
+    index: Index
 
     def __init__(self, threads: int | None = None, index: str = "sparse"):
         if index not in INDEXES:
@@ -122,7 +124,7 @@ class ScanBackend:
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
         """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m].
 
-        The next step cuts the tiles of the blocks there anew, unless a new index, as particles that join bring it, has cut all.
+        The next step cuts the tiles of the blocks there anew.
         """
         ground = self.scene.ground
         assert ground is not None
@@ -131,9 +133,14 @@ class ScanBackend:
 
     def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:
         """Cut the tiles of the blocks over so many nodes from the ``first`` on."""
-        b, w, corner = self.index.blocks, self.workspace, self.tables.constants.corner[:2]
+        b, corner = self.index.blocks, self.tables.constants.corner[:2]
         begin = corner + 4 * b.bxyz[: b.nown, :2]
-        owners = np.flatnonzero(((begin < np.add(first, shape)) & (begin + TILE_NODES > first)).all(axis=1))
+        self._cut_some(np.flatnonzero(((begin < np.add(first, shape)) & (begin + TILE_NODES > first)).all(axis=1)))
+        self._note_normals()
+
+    def _cut_some(self, owners: np.ndarray) -> None:
+        """Cut the tiles of some ``owners`` (m,)."""
+        b, w = self.index.blocks, self.workspace
         row = np.full(b.nown + 1, -1, np.int32)  # the last one stands for no block
         row[owners] = np.arange(len(owners))
         some = b._replace(nown=len(owners), bxyz=b.bxyz[owners], around=row[b.around[owners]])
@@ -141,7 +148,6 @@ class ScanBackend:
         self._cut_tiles(some, tiles)
         for values, changed in zip(w.ground, tiles, strict=True):
             values[owners] = changed
-        self._note_normals()
 
     def _note_normals(self) -> None:
         """Note the normals of the ground, in which layers drain."""
@@ -174,16 +180,41 @@ class ScanBackend:
         for part, chunk in slices(particles):
             self.store.put(rank[part], slot, chunk, self.scene)
         self.store.share_numbers(self.scene)
+        self.lowered: list[tuple[tuple[int, int], tuple[int, ...]]] = []
         self._rebuild(found)
         self.k.mark_slots(self.store.particles, self.index.blocks)
 
     def _rebuild(self, old: Index, former: Workspace | None = None) -> None:
-        """Find the blocks anew. Particles keep their slots, and contacts the room that they had in the ``former`` arrays."""
+        """Find the blocks anew. Particles keep their slots; contacts keep the room that they had in the ``former`` arrays.
+
+        Blocks that were there already keep their tiles of the ground.
+        """
+        before = self.index.blocks if former else None
         self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         self.k.hand_over_slots(old.blocks, numbers, self.index.blocks)
         if any(self.period):
             self.index.join_ends(self.period)
         self._make_workspace(former)
+        self._cut_ground(before, former)
+
+    def _cut_ground(self, before: Blocks | None = None, former: Workspace | None = None) -> None:
+        """Cut the ground into the tiles of all blocks; blocks that were there ``before`` keep those of the ``former`` arrays."""
+        if self.scene.ground is None:
+            return
+        if former and before:
+            self._keep_tiles(before, former.ground)
+        else:
+            self._cut_tiles(self.index.blocks, self.workspace.ground)
+        self._note_normals()
+
+    def _keep_tiles(self, before: Blocks, tiles: Ground) -> None:
+        """Take over the ``tiles`` of the blocks that were there ``before``, and cut those of the others."""
+        b = self.index.blocks
+        known_keys, keys = (_keys_of(blocks.bxyz[: blocks.nown]) for blocks in (before, b))
+        _, old, new = np.intersect1d(known_keys, keys, assume_unique=True, return_indices=True)
+        for values, known in zip(self.workspace.ground, tiles, strict=True):
+            values[new] = known[old]
+        self._cut_some(np.setdiff1d(np.arange(b.nown), new, assume_unique=True))
 
     def _require_slots(self) -> None:
         """Close the gaps between the slots of blocks where a step might lack slots."""
@@ -207,14 +238,10 @@ class ScanBackend:
         b, k, t = self.index.blocks, self.k, self.tables
         schedule = Schedule.of(b, self.workers.threads)
         contacts = former.contacts if former else None
-        self.lowered: list[tuple[tuple[int, int], tuple[int, ...]]] = []
-        self.workspace = w = Workspace.of(b, schedule, self.scene, t.domain, contacts)
+        self.workspace = Workspace.of(b, schedule, self.scene, t.domain, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
         if self.structures:
             self.structures.find_near(b, t.constants)
-        if self.scene.ground is not None:
-            self._cut_tiles(b, w.ground)
-            self._note_normals()
 
     def _cut_tiles(self, blocks: Blocks, tiles: Ground) -> None:
         """Cut the ground into the ``tiles`` of blocks."""
@@ -255,7 +282,7 @@ class ScanBackend:
         self._to_grid(dt, substeps)
         grid.drain(self.k, self.index.blocks, self.workspace, self.tables)
         clock("p2g")
-        self._solve_contacts(time_ahead(substeps * dt, dt))
+        self._solve_contacts(time_ahead(substeps * dt, dt), last=substeps == 1)
         if self.structures:
             b, t, steps = self.index.blocks, self.tables, self.counters.steps
             self.structures.find(self.k, s, b, t, steps, substeps, self.totals.max_speed)
@@ -319,15 +346,16 @@ class ScanBackend:
         s, b, t = self.store, self.index.blocks, self.tables
         self.totals.plastic_dissipation += grid.substep(self.k, s, b, self.workspace, t, self.workers.buffers, first)
         clock("substep")
-        self._solve_contacts(again=True)
+        self._solve_contacts(again=True, last=last)
         if self.structures:
             self.structures.push(self.k, s, t, self.counters.steps, self.workspace.grid, not last)
         clock("contact")
 
-    def _solve_contacts(self, ahead: float = 0.0, again: bool = False) -> None:
+    def _solve_contacts(self, ahead: float = 0.0, again: bool = False, last: bool = True) -> None:
         """Impulses of the ground, with the friction where particles are after a time ``ahead`` [s].
 
-        Those of a later substep meet the zones and areas of the first one ``again``.
+        Those of a later substep meet the zones and areas of the first one ``again``. The next transfer starts from the forces of
+        the ``last`` one.
         """
         parts, c = (self.k, self.store, self.index.blocks, self.workspace, self.tables), self.tables.constants
         law, w = self.scene.basal.law, self.workspace
@@ -337,7 +365,8 @@ class ScanBackend:
                 self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, *where)
             if law.uses_area and not again:
                 self.k.sum_columns(w.grid.shared, w.columns)
-            grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)), not again)
+            stamp = self.scene.dtype(stamp_of(self.counters.steps) if last else NO_STAMP)
+            grid.push(*parts, self.totals, stamp, not again)
         if law.drags_column and self.scene.surface is not None:
             self._slow_columns(again)
 
@@ -422,6 +451,7 @@ class ScanBackend:
             put_arrays(self.structures, state, "structures.")
         self.workers.divide(len(self.store.particles.label))
         self._make_workspace()
+        self._cut_ground()
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
@@ -473,6 +503,12 @@ class ScanBackend:
 
     def _summed(self) -> Summed:
         return Summed(self.scene, self.k, self.store, self.index.blocks, self.tables)
+
+
+def _keys_of(bxyz: np.ndarray) -> np.ndarray:
+    """One number (n,) for each block with coordinates (n, 3) of 21 bits."""
+    keys: np.ndarray = bxyz.astype(np.int64) @ np.array([1 << 42, 1 << 21, 1])
+    return keys
 
 
 class _Clock:

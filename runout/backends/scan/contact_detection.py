@@ -92,10 +92,7 @@ def _list_candidates(slots, owners, rec, listed, first, candidates, b, k, n):
 
 def _take_candidates(aside, slots, owners, particles, tiles, friction, n):
     """Collect what the records of candidates do not hold: coefficients of the ground, level of the cell, radius and friction."""
-    cell, particle_index, force = particles.cell, particles.particle_index, particles.force
-    radius, label = particles.radius, particles.label
-    for q in range(n):
-        prefetch(force, 4 * np.int64(particle_index[slots[q]]))
+    cell, particle_index, radius, label = particles.cell, particles.particle_index, particles.radius, particles.label
     if len(radius) > 1:
         for q in range(n):
             prefetch(radius, particle_index[slots[q]])
@@ -193,15 +190,27 @@ def _take_force(given, row, force, w, search, v, friction, dt):
         given[row, k] = lasting * force[w, k]
 
 
-def _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row):
-    """Write rows from ``row`` on for the candidates, of ``n``, that touch; returns the row after the last.
+def _list_touching(hits, t, n, slots, particles):
+    """List the columns, of ``n``, that touch, and prefetch the forces of their particles; returns their number.
 
-    Each candidate writes its row, and the next one overwrites it unless the candidate touches. This has no branch, which
-    processors could not predict.
+    Each candidate is listed, and the next one overwrites it unless the candidate touches. This has no branch, which processors
+    could not predict.
     """
+    count = np.int64(0)
+    for q in range(n):
+        hits[count] = q
+        count += np.int64(t[TOUCHES, q])
+    for k in range(count):
+        prefetch(particles.force, 4 * np.int64(particles.particle_index[slots[hits[k]]]))
+    return count
+
+
+def _keep_touching(t, hits, count, slots, owners, particles, first, contacts, search, dt, row):
+    """Write rows from ``row`` on for the ``count`` candidates that touch, whose columns are ``hits``; returns the row after."""
     cell, particle_index, listed, force = particles.cell, particles.particle_index, particles.listed, particles.force
     rows, measured, given, touching = contacts.rows, contacts.measured, contacts.given, contacts.touching
-    for q in range(n):
+    for i in range(count):
+        q = np.int64(hits[i])
         p = slots[q]
         b = np.int64(owners[q])
         rows[row, 0] = real(cell[p])
@@ -212,9 +221,8 @@ def _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, 
             measured[row >> 4, k, row & 15] = t[m, q]
         _take_force(given, row, force, np.int64(particle_index[p]), search, vec(t[7, q], t[9, q], t[10, q]), t[6, q], dt)
         listed[first[b] + touching[b]] = p
-        touches = np.int64(t[TOUCHES, q])
-        touching[b] += touches
-        row += touches
+        touching[b] += 1
+        row += 1
     return row
 
 
@@ -273,6 +281,7 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
     aside = local_aside(rec)
     slots = local_list(listed)
     owners = local_list(listed)
+    hits = local_list(listed)
     b = low
     k = np.int64(0)
     for done in range(0, total, TILE):
@@ -284,7 +293,8 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
         _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], search.lasting, search.band)
         if search.ahead > real(0.0):
             _look_ahead(t, np.uint64(16 * groups), h, search.ahead)
-        row = _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row)
+        count = _list_touching(hits, t, n, slots, particles)
+        row = _keep_touching(t, hits, count, slots, owners, particles, first, contacts, search, dt, row)
 
 
 def _fill_strip(particles, blocks, arenas, contacts, ground, reach, h, thread, low, end, nown):

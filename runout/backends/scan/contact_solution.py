@@ -196,10 +196,9 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
     ``basal`` are the records of friction, ``columns`` the columns of nodes that areas come from, ``pores`` the pore pressure of the
-    particles. ``particles.force`` gets the
-    ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of each block, ``total`` their
-    sums. A node that is due is read by no later strip, since each block that
-    reads it also adds to it.
+    particles. ``particles.force`` gets the ``stamp`` of this step and the force of the ground, unless the stamp is below 0;
+    ``contacts.work`` gets the work and the impulse of each block, ``total`` their sums. A node that is due is read by no later
+    strip, since each block that reads it also adds to it.
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
     cursors = arenas.cursors
@@ -222,7 +221,8 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal
                         lent[b] = _take_arena(cursors, thread, arenas.free)
                         a = ARENA * np.int64(lent[b])
                         _spread_block(contacts, ready, arenas.values, a, b)
-                        _keep_forces(given, place[b], touching[b], particles, blocks.first[b], stamp, dt)
+                        if stamp >= real(0.0):
+                            _keep_forces(given, place[b], touching[b], particles, blocks.first[b], stamp, dt)
             for k in range(schedule.due[s], schedule.due[s + 1]):
                 n = np.int64(schedule.nodes[k])
                 if grid.shared[n]:

@@ -20,7 +20,7 @@ import numpy as np
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.contact_detection import _rows_of_thread, _shares_of_thread
 from runout.backends.scan.groups import Blocks, Buffers, ContactSearch, Pass, TimeStep
-from runout.backends.scan.pore_pressure import Layers, Pores
+from runout.backends.scan.pore_pressure import Pores
 from runout.backends.scan.state import PADDING, Store, stamp_of
 from runout.backends.scan.totals import Totals
 from runout.backends.scan.workspace import Workspace
@@ -125,21 +125,17 @@ def pores_of(store: Store, tables: Tables, workspace: Workspace, begins: bool) -
     """Pore pressure of the particles as kernels take it, where a transfer ``begins`` or goes on; empty in a dry scene."""
     if not workspace.layers or store.pore_left is None or store.pore_excess is None:
         return ()
-    layers, alike = workspace.layers, drains_alike(store, workspace.layers)
-    present = store.pores_by_slot(len(tables.pores), alike)
-    return Pores(store.pore_left, store.pore_excess, tables.pores, layers.fading, layers.of_block, alike, present, begins)
-
-
-def drains_alike(store: Store, layers: Layers) -> bool:
-    """Whether one number is left of the excess pressure of all particles: one release, which does not drain by its thickness."""
-    return store.pore_left is not None and len(store.pore_left) == layers.fading.shape[1] == len(layers.noted) == 1
+    layers, present = workspace.layers, store.pores_by_slot(len(tables.pores))
+    return Pores(
+        store.pore_left, store.pore_excess, tables.pores, layers.fading, layers.of_block, store.drains_alike, present, begins
+    )
 
 
 def advance_pores(store: Store, tables: Tables, workspace: Workspace) -> None:
-    """After a substep: advance what remains of the excess by two halves of it, where that is one number for all particles."""
-    if workspace.layers and store.pore_left is not None and drains_alike(store, workspace.layers):
+    """After a substep: advance what remains of the excess by two halves of it, where that is one number for each release."""
+    if workspace.layers and store.pore_left is not None and store.drains_alike:
         for _ in range(2):
-            store.pore_left *= workspace.layers.fading[0, 0, 0]
+            store.pore_left *= workspace.layers.fading[0, :, 0]
 
 
 def wet_step(store: Store, tables: Tables, workspace: Workspace, begins: bool) -> TimeStep:

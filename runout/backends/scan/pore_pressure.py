@@ -13,8 +13,9 @@
     share of the normal stress that grains carry, in the middle of a step: in contacts, and in the row EFFECTIVE of a tile
 
 A particle takes the layer at the middle one of the columns of nodes around it. The part that remains is advanced where the law of
-the particle is followed, at the end of each substep. Particles of one release that decay in a time drain alike: one number is left
-for all, advanced after the substep (:func:`runout.backends.scan.grid.advance_pores`), until particles join with another one.
+the particle is followed, at the end of each substep. Where no mass drains by its thickness, the particles of a release drain alike:
+one number is left for each release, advanced after the substep (:func:`runout.backends.scan.grid.advance_pores`), until particles
+join with another one.
 """
 
 from typing import Any, NamedTuple
@@ -43,13 +44,14 @@ local_numbers = local_array((64,))
 class Pores(NamedTuple):
     """Pore pressure of particles."""
 
-    left: np.ndarray  # (n,): the part of the excess that remains [1]; one number where all particles drain alike
+    left: np.ndarray  # (n,): the part of the excess that remains [1]; (releases,) where all particles of a release drain alike
     excess: np.ndarray  # (n,): ratio at the start over the one that stays [1]; one number where all particles have the same
     records: np.ndarray  # (releases,): numbers of each release
     fading: np.ndarray  # (columns, releases, 16): share of the excess that is left after half a step [1], by block column
     of_block: np.ndarray  # as of :class:`Layers`
-    alike: bool  # whether all particles drain alike
-    # (numbers, slots): within a transfer of several substeps, by slot: what remains, and excess and release where these differ
+    alike: bool  # whether all particles of a release drain alike
+    # (numbers, slots): within a transfer of several substeps, by slot: what remains, excess and release, the last of these that
+    # differ where particles of a release drain alike, else the first
     present: np.ndarray
     begins: bool  # whether the substep is the first of its transfer
 
@@ -202,6 +204,11 @@ def thin_layers(blocks, reached, grid, layers, records, constants, dt):
             _fade_column(blocks, layers, records, constants, b, np.int64(k), dt)
 
 
+def _is_one(pores):
+    """Whether all particles have the same pressure."""
+    return pores.alike and len(pores.excess) == 1 and len(pores.records) == 1
+
+
 def _effective_of_all(pores):
     """Share of the normal stress that grains carry in the middle of the step, where all particles have the same pressure."""
     return effective_share(pores.excess[0], pores.fading[0, 0, 0] * pores.left[0], pores.records[0])
@@ -217,7 +224,7 @@ def _note_pores(drained, particles, pores, b, f, row, n):
 
     Their rows begin with ``row``. Nothing where all particles have the same pressure.
     """
-    if not pores.begins or (pores.alike and len(pores.excess) == 1):
+    if not pores.begins or _is_one(pores):
         return
     listed, particle_index, cell, fading = particles.listed, particles.particle_index, particles.cell, pores.fading
     place = np.uint64(_fading_of(pores, b))
@@ -227,7 +234,7 @@ def _note_pores(drained, particles, pores, b, f, row, n):
         r = np.uint64(particles.label[w, 0]) if len(pores.records) > 1 else np.uint64(0)
         g = (np.uint64(row) + q) >> np.uint64(4)
         k = (np.uint64(row) + q) & np.uint64(15)
-        drained[g, LEFT, k] = pores.left[np.uint64(0) if pores.alike else w]
+        drained[g, LEFT, k] = pores.left[r if pores.alike else w]
         drained[g, SHARE, k] = fading[place, r, (np.uint64(cell[p]) & np.uint64(63)) >> np.uint64(2)]
         drained[g, EXCESS, k] = pores.excess[w if len(pores.excess) > 1 else np.uint64(0)]
         drained[g, STAYS, k] = pores.records[r].equilibrium
@@ -236,7 +243,7 @@ def _note_pores(drained, particles, pores, b, f, row, n):
 
 def _share_of_contacts(effective, drained, pores, g):
     """Fill the share of the normal stress that the grains of 16 contacts carry, and advance what remains of their excess."""
-    if pores.alike and len(pores.excess) == 1:
+    if _is_one(pores):
         for q in range(np.uint64(16)):
             effective[q] = _effective_of_all(pores)
     else:
@@ -248,7 +255,7 @@ def _share_of_contacts(effective, drained, pores, g):
 
 
 def _fill_alike(t, particles, pores, first, count):
-    """Fill the row EFFECTIVE of a tile of particles that drain alike."""
+    """Fill the row EFFECTIVE of a tile of particles of one release that drain alike."""
     if len(pores.excess) == 1:
         effective = _effective_of_all(pores)
         for p in range(np.uint64(TILE)):
@@ -263,8 +270,9 @@ def _fill_alike(t, particles, pores, first, count):
 def _take_numbers(t, particles, pores, first, count):
     """Fill the rows of the numbers of a tile of particles, from those by particle."""
     particle_index = particles.particle_index
-    for p in range(count):
-        t[LEFTS, p] = pores.left[np.uint64(particle_index[first + p])]
+    if not pores.alike:
+        for p in range(count):
+            t[LEFTS, p] = pores.left[np.uint64(particle_index[first + p])]
     if len(pores.excess) > 1:
         for p in range(count):
             t[EXCESSES, p] = pores.excess[np.uint64(particle_index[first + p])]
@@ -273,20 +281,28 @@ def _take_numbers(t, particles, pores, first, count):
             t[RELEASES, p] = real(particles.label[np.uint64(particle_index[first + p]), 0])
 
 
-def _fetch_numbers(t, present, first, groups):
+def _row_of_first(pores):
+    """Row of a tile that the first of the numbers by slot belongs to."""
+    return LEFTS + 3 - len(pores.present) if pores.alike else LEFTS
+
+
+def _fetch_numbers(t, pores, first, groups):
     """The same from those by slot, in which the substep before has left them."""
+    present, row = pores.present, _row_of_first(pores)
     for k in range(len(present)):
         for g in range(groups):
             place = present.shape[1] * k + first + 16 * g
             prefetch(present, place + SLOTS_AHEAD)
-            store(t, (LEFTS + k) * TILE + 16 * g, load16(present, place))
+            store(t, (row + k) * TILE + 16 * g, load16(present, place))
 
 
-def _keep_numbers(t, present, first, groups, many):
-    """Leave the first rows of the numbers, so ``many``, by slot for the next substep."""
+def _keep_numbers(t, pores, first, groups):
+    """Leave the numbers by slot for the next substep: in the first one all of them, later what remains, if that is by particle."""
+    present, row = pores.present, _row_of_first(pores)
+    many = len(present) if pores.begins else 0 if pores.alike else 1
     for k in range(many):
         for g in range(groups):
-            store(present, present.shape[1] * k + first + 16 * g, load16(t, (LEFTS + k) * TILE + 16 * g))
+            store(present, present.shape[1] * k + first + 16 * g, load16(t, (row + k) * TILE + 16 * g))
 
 
 def _find_shares(t, g, cell, slot, pores, b):
@@ -295,6 +311,7 @@ def _find_shares(t, g, cell, slot, pores, b):
     place, nothing = PLAN * many * _fading_of(pores, b), zeros(fading)
     share = looked_up(load16(fading, place), cell, slot)
     stays, closes = nothing + records[0].equilibrium, nothing + records[0].closure
+    left = nothing + pores.left[0]
     if many > 1:
         release = load16(t, RELEASES * TILE + 16 * g)
         for r in range(1, many):
@@ -302,6 +319,10 @@ def _find_shares(t, g, cell, slot, pores, b):
             share = select(own, looked_up(load16(fading, place + PLAN * r), cell, slot), share)
             stays = select(own, nothing + records[r].equilibrium, stays)
             closes = select(own, nothing + records[r].closure, closes)
+            if pores.alike:
+                left = select(own, nothing + pores.left[r], left)
+    if pores.alike:
+        store(t, LEFTS * TILE + 16 * g, left)
     store(t, SHARES * TILE + 16 * g, share)
     store(t, REST * TILE + 16 * g, stays)
     store(t, CLOSURES * TILE + 16 * g, closes)
@@ -310,13 +331,13 @@ def _find_shares(t, g, cell, slot, pores, b):
 
 
 def _drain_each(t, particles, pores, b, first, count):
-    """As :func:`_drain_tile` where what drains lies by particle, or, within a transfer, by slot."""
+    """As :func:`_drain_tile` where what drains lies by particle or release, or, within a transfer, by slot."""
     groups = (count + 15) >> 4
     f, many = np.uint64(first), np.uint64(count)
     if pores.begins:
         _take_numbers(t, particles, pores, f, many)
     else:
-        _fetch_numbers(t, pores.present, first, groups)
+        _fetch_numbers(t, pores, first, groups)
     for g in range(groups):
         _find_shares(t, g, particles.cell, first + 16 * g, pores, b)
     for p in range(np.uint64(16 * groups)):
@@ -324,15 +345,15 @@ def _drain_each(t, particles, pores, b, first, count):
         t[EFFECTIVE, p] = effective_share(t[EXCESSES, p], half, Numbers(t[REST, p], t[CLOSURES, p]))
         t[LEFTS, p] = t[SHARES, p] * half
     if LASTS:
-        _keep_numbers(t, pores.present, first, groups, len(pores.present) if pores.begins else 1)  # one of them changes
-    else:
+        _keep_numbers(t, pores, first, groups)
+    elif not pores.alike:
         for p in range(many):
             pores.left[np.uint64(particles.particle_index[f + p])] = t[LEFTS, p]
 
 
 def _drain_tile(t, particles, pores, b, first, count):
     """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
-    if pores.alike:
+    if pores.alike and len(pores.records) == 1:
         _fill_alike(t, particles, pores, np.uint64(first), np.uint64(count))
     else:
         _drain_each(t, particles, pores, b, first, count)

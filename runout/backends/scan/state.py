@@ -30,6 +30,7 @@ BY_SLOT: dict[str, tuple[int, Any]] = {  # arrays of slots: numbers a slot, and 
     "listed": (0, np.int32),
 }  # fmt: skip
 SELDOM = 20  # steps: gaps are not closed more often, unless that takes a fifth more slots
+NO_STAMP = -1  # of a substep whose forces nothing starts from
 
 
 def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -64,10 +65,11 @@ class Store:
     closed_at: int
     closed_end: int
     largest_radius: float  # [m]
-    # pore_left, pore_excess (particles,), (1,): pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry
-    # scene
+    # pore_left (particles,) or (releases,), pore_excess (particles,) or (1,): pore pressure
+    # (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene
     pore_left: np.ndarray | None = None
     pore_excess: np.ndarray | None = None
+    drains_alike: bool = False  # whether all particles of a release drain alike: ``pore_left`` is by release
     # pore_present (numbers, slots): the same within a transfer, by slot; None before the first one that needs it
     pore_present: np.ndarray | None = None
 
@@ -101,8 +103,7 @@ class Store:
         self.radius = np.concatenate([self.radius, np.zeros(len(p), scene.dtype)])
         self.particles = old._replace(force=force, radius=self.radius, label=label)
         if self.pore_left is not None and self.pore_excess is not None:
-            none = np.zeros(len(p), scene.dtype)
-            before = (_one_each(values, loaded) for values in (self.pore_left, self.pore_excess))
+            before, none = self.pores_at(np.arange(loaded)), np.zeros(len(p), scene.dtype)
             self.pore_left, self.pore_excess = (np.concatenate([values, none]) for values in before)
         by_index = np.zeros(total, np.int32)
         by_index[loaded:] = slots
@@ -111,29 +112,30 @@ class Store:
         self.n += len(p)
 
     def share_numbers(self, scene: Scene) -> None:
-        """Once all particles are there: one number for all radii, excess pressures and remaining parts that are the same.
+        """Once all particles are there: one number for all radii and excess pressures that are the same, and parts by release.
 
-        Parts stay the same only where one release drains in a time, not by the thickness of its layer.
+        Parts are those of a release where its particles have the same one, and no mass drains by the thickness of its layer.
         """
         self.particles = self.particles._replace(radius=_one_for_all(self.radius))
         if self.pore_left is not None and self.pore_excess is not None:
             self.pore_excess = _one_for_all(self.pore_excess).copy()
-            if _drains_in_a_time(scene.pore_table()):
-                self.pore_left = _one_for_all(self.pore_left).copy()
+            of_releases = _parts_by_release(self.pore_left, self.particles.label[:, 0], scene)
+            self.drains_alike = of_releases is not None
+            self.pore_left = self.pore_left if of_releases is None else of_releases
 
     def pores_at(self, particle_index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Part that remains and excess at the start [1] of particles (n,), of a wet scene."""
         assert self.pore_left is not None
         assert self.pore_excess is not None
-        left, excess = (
-            v[particle_index] if len(v) > 1 else np.repeat(v, len(particle_index)) for v in (self.pore_left, self.pore_excess)
-        )
-        return left, excess
+        left = self.pore_left[self.particles.label[particle_index, 0] if self.drains_alike else particle_index]
+        alike = len(self.pore_excess) == 1
+        return left, np.repeat(self.pore_excess, len(particle_index)) if alike else self.pore_excess[particle_index]
 
-    def pores_by_slot(self, releases: int, alike: bool) -> np.ndarray:
+    def pores_by_slot(self, releases: int) -> np.ndarray:
         """Place for what drains by slot within a transfer: what remains, excess and release of each particle where these differ."""
         assert self.pore_excess is not None
-        count = 0 if alike else 3 if releases > 1 else 2 if len(self.pore_excess) > 1 else 1
+        several, uneven = releases > 1, len(self.pore_excess) > 1
+        count = several * (1 + uneven) if self.drains_alike else 3 if several else 1 + uneven
         shape = count, len(self.particles.cell) if count else 1
         if self.pore_present is None or self.pore_present.shape != shape:
             self.pore_present = np.zeros(shape, self.particles.rec.dtype)
@@ -190,14 +192,16 @@ def _one_for_all(values: np.ndarray) -> np.ndarray:
     return values[:1] if len(values) and (values == values[0]).all() else values
 
 
-def _one_each(values: np.ndarray, n: int) -> np.ndarray:
-    """Numbers (n,) of values (n,) or (1,)."""
-    return values if len(values) == n else np.repeat(values, n)
+def _parts_by_release(left: np.ndarray, release: np.ndarray, scene: Scene) -> np.ndarray | None:
+    """Part (releases,) of the excess that remains [1], 1 of a release without particles, from that of particles (n,).
 
-
-def _drains_in_a_time(pores: np.ndarray) -> bool:
-    """Whether the records (releases,) of pore pressure are those of one release that does not drain by its thickness."""
-    return len(pores) == 1 and not diffuses(pores)
+    None where particles of a release differ in it, or will.
+    """
+    parts = np.ones(len(scene.materials), left.dtype)
+    if not len(left) or diffuses(scene.pore_table()):
+        return None
+    parts[release] = left
+    return parts if (parts[release] == left).all() else None
 
 
 def _slots(slots: int, width: tuple[int, ...], kind: Any) -> np.ndarray:
