@@ -15,7 +15,7 @@ from runout.model.basal_friction import BasalFriction
 from runout.model.materials import Material
 from runout.model.scene import Scene
 
-LOOK_SECONDS = 0.2  # between two looks at what is compiled
+LOOK_SECONDS = 1.0  # between two looks at what is compiled; each goes through the folder of the cache
 KERNELS = 34  # that a run calls without several substeps
 
 
