@@ -26,8 +26,8 @@ def test_plastic_shear_brings_the_stress_onto_the_flow_curve(excess, p):
 def test_stress_below_static_friction_is_left_alone_and_above_it_is_between_the_two_frictions():
     pressed = (-1e-4, -1e-4, -1e-4, 0.0, 0.0, 0.0)
     weak, strong = (*pressed[:3], 3e-5, 0.0, 0.0), (*pressed[:3], 3e-3, 0.0, 0.0)
-    assert granular_flow.return_to_flow(weak, MAT) == weak
-    h = granular_flow.return_to_flow(strong, MAT)
+    assert granular_flow.return_to_flow(weak, MAT, 1.0) == weak
+    h = granular_flow.return_to_flow(strong, MAT, 1.0)
     ratio = elastic.deviatoric_stress(h, MAT) / math.sqrt(3) / elastic.pressure(h, MAT)
     assert 0.38 < ratio < 0.64
     assert elastic.pressure(h, MAT) == pytest.approx(elastic.pressure(strong, MAT))
@@ -35,11 +35,11 @@ def test_stress_below_static_friction_is_left_alone_and_above_it_is_between_the_
 
 def test_what_comes_apart_carries_nothing_until_it_has_closed_up():
     apart = (1e-3, 1e-3, 1e-3, 2e-4, 0.0, 0.0)
-    h, gained, lost = granular_flow.update(apart, 0.0, MAT)
+    h, gained, lost = granular_flow.update(apart, 0.0, MAT, 1.0)
     assert h == (0.0,) * 6
     assert gained == pytest.approx(3e-3)
     assert lost == 0.0
-    h, left, _ = granular_flow.update((-5e-4, -5e-4, -5e-4, 0.0, 0.0, 0.0), gained, MAT)
+    h, left, _ = granular_flow.update((-5e-4, -5e-4, -5e-4, 0.0, 0.0, 0.0), gained, MAT, 1.0)
     assert h == (0.0,) * 6
     assert left == pytest.approx(1.5e-3)
 
