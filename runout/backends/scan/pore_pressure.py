@@ -306,14 +306,13 @@ def _keep_numbers(t, pores, first, groups):
 
 
 def _find_shares(t, g, cell, slot, pores, b):
-    """Fill the rows of what 16 particles from a ``slot`` on follow, which depends on their release and their place."""
+    """Fill the rows of what 16 particles from a ``slot`` on follow by their place and, of several releases, by their release."""
     records, fading, many = pores.records, pores.fading, len(pores.records)
     place, nothing = PLAN * many * _fading_of(pores, b), zeros(fading)
     share = looked_up(load16(fading, place), cell, slot)
-    stays, closes = nothing + records[0].equilibrium, nothing + records[0].closure
-    left = nothing + pores.left[0]
     if many > 1:
-        release = load16(t, RELEASES * TILE + 16 * g)
+        stays, closes = nothing + records[0].equilibrium, nothing + records[0].closure
+        left, release = nothing + pores.left[0], load16(t, RELEASES * TILE + 16 * g)
         for r in range(1, many):
             own = release > nothing + (real(r) - real(0.5))
             share = select(own, looked_up(load16(fading, place + PLAN * r), cell, slot), share)
@@ -321,13 +320,34 @@ def _find_shares(t, g, cell, slot, pores, b):
             closes = select(own, nothing + records[r].closure, closes)
             if pores.alike:
                 left = select(own, nothing + pores.left[r], left)
-    if pores.alike:
-        store(t, LEFTS * TILE + 16 * g, left)
+        if pores.alike:
+            store(t, LEFTS * TILE + 16 * g, left)
+        store(t, REST * TILE + 16 * g, stays)
+        store(t, CLOSURES * TILE + 16 * g, closes)
+        if len(pores.excess) == 1:
+            store(t, EXCESSES * TILE + 16 * g, nothing + pores.excess[0])
     store(t, SHARES * TILE + 16 * g, share)
-    store(t, REST * TILE + 16 * g, stays)
-    store(t, CLOSURES * TILE + 16 * g, closes)
-    if len(pores.excess) == 1:
-        store(t, EXCESSES * TILE + 16 * g, nothing + pores.excess[0])
+
+
+def _advance(t, p, excess, pore):
+    """Fill the share that the grains of a particle carry in the middle of the step, and advance what remains to its end."""
+    half = t[SHARES, p] * t[LEFTS, p]
+    t[EFFECTIVE, p] = effective_share(excess, half, pore)
+    t[LEFTS, p] = t[SHARES, p] * half
+
+
+def _advance_tile(t, pores, many):
+    """:func:`_advance` for ``many`` particles; numbers that all of them share are no rows."""
+    one = Numbers(pores.records[0].equilibrium, pores.records[0].closure)
+    if len(pores.records) > 1:
+        for p in range(many):
+            _advance(t, p, t[EXCESSES, p], Numbers(t[REST, p], t[CLOSURES, p]))
+    elif len(pores.excess) > 1:
+        for p in range(many):
+            _advance(t, p, t[EXCESSES, p], one)
+    else:
+        for p in range(many):
+            _advance(t, p, pores.excess[0], one)
 
 
 def _drain_each(t, particles, pores, b, first, count):
@@ -340,10 +360,7 @@ def _drain_each(t, particles, pores, b, first, count):
         _fetch_numbers(t, pores, first, groups)
     for g in range(groups):
         _find_shares(t, g, particles.cell, first + 16 * g, pores, b)
-    for p in range(np.uint64(16 * groups)):
-        half = t[SHARES, p] * t[LEFTS, p]
-        t[EFFECTIVE, p] = effective_share(t[EXCESSES, p], half, Numbers(t[REST, p], t[CLOSURES, p]))
-        t[LEFTS, p] = t[SHARES, p] * half
+    _advance_tile(t, pores, np.uint64(16 * groups))
     if LASTS:
         _keep_numbers(t, pores, first, groups)
     elif not pores.alike:
