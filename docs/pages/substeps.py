@@ -70,8 +70,8 @@ Rates of transfers of four substeps, sorts included, before and now:
 {rates}
 
 Runs of both commits took turns, seven each: medians, in brackets least and largest; the ratio is the median over the pairs. The
-scenes together have as many particles as the layer of 6.4M. The host slept while it waited in the runs that stand under *now*;
-it loops since, as before.
+scenes together have as many particles as the layer of 6.4M. In the runs under *now* the host sleeps while it waits for the GPU;
+in this version it loops, as in the runs under *before*.
 
 ## Full table
 

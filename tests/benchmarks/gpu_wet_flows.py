@@ -95,13 +95,13 @@ def sums_of(result: Result, cell: float, bed: bool) -> dict[str, float]:
 def compared(runs: dict[str, Result], first: str, second: str) -> dict[str, float]:
     """Relative differences of maps and volumes of a second run from a first."""
     a, b = runs[first], runs[second]
-    found = {name: difference(b.fields[name], a.fields[name]) for name in MAPS if np.nansum(a.fields.get(name, 0.0))}
+    differences = {name: difference(b.fields[name], a.fields[name]) for name in MAPS if np.nansum(a.fields.get(name, 0.0))}
     for name in ("kinetic_energy", "basal_dissipation", "entrained_mass"):
         if name in a.series:
             x, y = (np.asarray(one.series[name]) for one in (a, b))
             rows = min(len(x), len(y))
-            found[name] = float(np.abs(y[:rows] - x[:rows]).max() / max(np.abs(x).max(), np.finfo(float).tiny))
-    return found
+            differences[name] = float(np.abs(y[:rows] - x[:rows]).max() / max(np.abs(x).max(), np.finfo(float).tiny))
+    return differences
 
 
 def measure(scene: str, with_bed: bool, precision: str, device: str, share: float) -> dict[str, Any]:

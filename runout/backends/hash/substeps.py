@@ -159,13 +159,15 @@ def _hold_push(held: Tile, place: int, push: Any):
 
 def _strain_some(
     particles: ParticleGroup, contacts: ContactGroup, constants: Constants, mats: Materials, beside: Ints,
-    pores: PoreGroup, velocities: Tile, ways: Tile, held: Tile, b: int, begin: int, end: int, lane: int, dt: Any, gone: int,
-    ahead: int, key_ahead: int,
+    pores: PoreGroup, velocities: Tile, ways: Tile, held: Tile, b: int, places: wp.vec2i, lane: int, dt: Any, gone: int,
+    first: wp.vec2i,
 ):  # fmt: skip
     """Strain the particles at some places of the list, and hold their impulses; returns the energy [J] that they lose.
 
-    ``ahead`` is the first particle of the lane, with its key.
+    ``places`` are the first one and the one after the last, ``first`` is the first particle of the lane and its key.
     """
+    begin, end = places[0], places[1]
+    ahead, key_ahead = first[0], first[1]
     slopes = _slopes(dt, constants.h)
     of_way = _slopes(real(1.0), constants.h)
     lost = wp.float64(0.0)
@@ -254,8 +256,8 @@ def strain_in_place(
                 if first == start:
                     _load_motion(velocities, ways, grid, blocks, bases, lane, turn)
                 lost += _strain_some(
-                    particles, contacts, constants, mats, beside, pores, velocities, ways, held, b, first, end, lane,
-                    dt, turn - FIRST, listed[0], key,
+                    particles, contacts, constants, mats, beside, pores, velocities, ways, held, b, wp.vec2i(first, end), lane,
+                    dt, turn - FIRST, wp.vec2i(listed[0], key),
                 )  # fmt: skip
                 meet()
                 _sum_some(blocks, particles, held, halves, b, first, end, lane)
