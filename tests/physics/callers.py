@@ -3,7 +3,7 @@
 import importlib.util
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -17,6 +17,7 @@ from runout.io.atomic import write_text
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
+FOLDER = TemporaryDirectory(prefix="runout-parity-")  # of sources that warp reads; removed when the process ends
 WARP_TYPES = {"s": "real", "v": "vec", "y": "sym", "t": "tens", "i": "wp.int32", "k": "wp.int64"}
 
 
@@ -121,7 +122,7 @@ def _warp_kernels(real: type, law: Law | FrictionLaw | None) -> ModuleType:
     wp.config.quiet = True
     cases = law_cases(law) if law else CASES
     name = home_of(law) if law else "physics"
-    path = Path(mkdtemp(prefix="runout-parity-")) / f"parity_kernels_{name}_{real.__name__}.py"
+    path = Path(FOLDER.name) / f"parity_kernels_{name}_{real.__name__}.py"
     path.write_text("import warp as wp\n" + "\n".join(_warp_source(case) for case in cases))
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
