@@ -16,6 +16,7 @@ STATE = ("velocity", "affine", "strain", "history")
 ROW_TOLERANCE = 10  # sums lose some digits more than their parts
 HASH_DEVICE = os.environ.get("RUNOUT_TEST_DEVICE", "cpu")  # "cuda:0" runs the tests of the hash backend on a GPU
 IN_ORDER = HASH_DEVICE != "cpu"  # where bits repeat only with sums in fixed order
+UNORDERED = 1e-9 if IN_ORDER else 0.0  # of a scale: difference of two runs of ``simulate`` there, whose sums have no fixed order
 ROCK = Elastic(density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3)
 HARD = DruckerPrager(  # as ROCK below its strength, by the compiled code of SAND
     density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=50.0, cohesion=1e6
@@ -105,6 +106,14 @@ def total_energy(row):
     """Energy and what has been booked as dissipated or gone [J]."""
     stored = row.kinetic_energy + row.potential_energy + row.elastic_energy
     return stored + row.basal_dissipation + row.structure_dissipation + row.plastic_dissipation + row.escaped_energy
+
+
+def assert_same_arrays(expected, found):
+    """Arrays by name are equal; on a GPU within :data:`UNORDERED` of their scale, and float32 within its rounding."""
+    for name, values in expected.items():
+        scale = np.nanmax(np.abs(values), initial=0.0)
+        share = max(UNORDERED, IN_ORDER * np.finfo(values.dtype).eps if values.dtype.kind == "f" else 0.0)
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=share * scale, err_msg=name)
 
 
 def assert_same_numbers(expected, found, of=""):

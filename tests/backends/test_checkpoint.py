@@ -143,7 +143,8 @@ def test_the_other_backends_resume_too(tmp_path, name):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_killed_process_loses_nothing_but_the_time_since_its_checkpoint(tmp_path):
     path = tmp_path / "run.npz"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(RAMP.parent), str(Path(runout.__file__).parents[1])])}
+    path_of_modules = [str(RAMP.parent), str(Path(runout.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path_of_modules)}
     process = subprocess.Popen([sys.executable, str(RAMP), str(path)], env=environment)
     ends = time.monotonic() + 300  # kernels may have to be compiled
     while (stored_time(path) or 0.0) < 0.5:

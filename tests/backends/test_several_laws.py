@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, assert_close_states, box, engine_of, loaded, plane, scene
+from scenes import HASH_DEVICE, SAND, assert_close_states, box, engine_of, loaded, plane, scene
 from test_checkpoint import resumable, same_bits
 
 from runout import Coulomb, HerschelBulkley, Voellmy
@@ -121,9 +121,9 @@ def test_zones_change_each_law_alike_on_all_backends(name):
 
 def test_members_of_several_laws_share_a_launch():
     scenes = [(two_laws(), together(masses(APART))), (two_laws(), together(masses(MEETING, 3.0)))]
-    launch = get_batch(scenes, "cpu")
+    launch = get_batch(scenes, HASH_DEVICE)
     for _ in range(10):
         launch.advance([DT] * 2, [1] * 2)
     for number, (a_scene, particles) in enumerate(scenes):
         alone = advance(loaded(engine_of("hash"), a_scene, particles), 10)
-        assert_close_states(alone.particles(), launch.particles_of(number), 1e-12, UNIT)
+        assert_close_states(alone.particles(), launch.particles_of(number), TOLERANCE, UNIT)
