@@ -31,7 +31,7 @@ Relative L1 differences of maps: of the GPU from the CPU and, in brackets, of tw
 - Rounding grows in a flow that few cells resolve, in float64 as in float32. At the end two runs on the GPU differ as much as
   the GPU and the CPU do. These differences are the noise of one run.
 - In float32 the backends round in different places, two runs on the GPU only in the order of their sums: before rounding has
-  grown, the first differ more.
+  grown, the first differ more in most maps.
 - One particle is a part in {particles[maipo]:,} of the smallest flow at its start.
 
 Volume that was taken up, and the error of the mass: present and escaped mass less what was taken up, against the mass at the start,
