@@ -1,8 +1,8 @@
-"""Loops over the nodes of the plan: one erodes a bed under the columns of the flow, one gives birth; the binding compiles both.
+"""Loops over the nodes of the plan: they make the ground, erode a bed under the columns of the flow and give birth.
 
-The first is one pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what it
-erodes.
-``rate`` and ``friction_stress`` stand for the laws of the scene: the binding puts them there.
+Erosion is one pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what is
+eroded.
+The binding compiles them and puts the laws of the scene in the place of ``rate`` and ``friction_stress``.
 """
 
 import math
@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from runout.physics.bed import driving_stress, friction_stress, normal_stress
+from runout.physics.bspline import first_node, weight_slopes, weights
 from runout.physics.contact import covered_share
-from runout.physics.heightfield import surface_at, upward_normal
+from runout.physics.heightfield import bend_smoothness, interpolate, resampled_coefficient, surface_at, upward_normal
 from runout.physics.tensors import tens, vec
 
 prange = range  # that of the compiler takes its place
@@ -38,6 +39,16 @@ class Ground(NamedTuple):
     # spacing, gravity (2 or 3,), (3,): [m], [m/s2]
     spacing: np.ndarray
     gravity: np.ndarray
+
+
+class Lattice(NamedTuple):
+    """A surface on a lattice of its own, and the spacing of the grid."""
+
+    coefficients: np.ndarray  # [m]
+    # origin, spacing: of the lattice; nodes: of the grid (2,) [m]
+    origin: np.ndarray
+    spacing: np.ndarray
+    nodes: np.ndarray
 
 
 class Laws(NamedTuple):
@@ -110,16 +121,109 @@ def _coefficient(ground: Any, i: int, j: int, begin: Any):
     return c[i + 1, j + 1] + change[m, n]
 
 
-def _slopes(ground: Any, i: int, j: int, begin: Any):
-    """Slopes of the ground at a node [m / cell]."""
+def _coefficients_around(ground: Any, i: int, j: int, begin: Any):
+    """The nine coefficients [m] around a node."""
     k, m, n = i - 1, j - 1, j + 1
-    nine = tens(
+    return tens(
         _coefficient(ground, k, m, begin), _coefficient(ground, k, j, begin), _coefficient(ground, k, n, begin),
         _coefficient(ground, i, m, begin), _coefficient(ground, i, j, begin), _coefficient(ground, i, n, begin),
         _coefficient(ground, i + 1, m, begin), _coefficient(ground, i + 1, j, begin), _coefficient(ground, i + 1, n, begin),
     )  # fmt: skip
-    found = surface_at(nine, 1.0, 1.0)
+
+
+def _slopes(ground: Any, i: int, j: int, begin: Any):
+    """Slopes of the ground at a node [m / cell]."""
+    found = surface_at(_coefficients_around(ground, i, j, begin), 1.0, 1.0)
     return found[1], found[2]
+
+
+def evaluate_ground(ground: Any, begin: Any, nodes: Any, places: Any, found: Any):
+    """Elevation [m] and slopes [1] of the ground at places within half a cell of nodes of the bed.
+
+    Parameters
+    ----------
+    ground : Ground
+    begin : ndarray (7,) of int
+        As of :class:`Flow`; the first two numbers are the first node of the bed, counted from that of the plan.
+    nodes : ndarray (n, 2) of int
+        Counted from the first of the bed.
+    places : ndarray (n, 2)
+        [m].
+    found : ndarray (n, 3)
+        Filled.
+    """
+    spacing = ground.spacing
+    for p in range(len(nodes)):
+        i, j = nodes[p, 0], nodes[p, 1]
+        nine = _coefficients_around(ground, i, j, begin)
+        fx, fy = places[p, 0] / spacing[0] - (begin[0] + i - 1), places[p, 1] / spacing[1] - (begin[1] + j - 1)
+        at = surface_at(nine, fx, fy)
+        found[p, 0], found[p, 1], found[p, 2] = at[0], at[1] / spacing[0], at[2] / spacing[1]
+
+
+def _place(lattice: Any, axis: int, first: int, half: int):
+    """First of the three coefficients that count ``half`` half spacings after the node before the ``first``, and the offset."""
+    x = lattice.nodes[axis] * (0.5 * half + (first - 1))
+    q = (x - lattice.origin[axis]) / lattice.spacing[axis]
+    k = min(max(first_node(q), 0), lattice.coefficients.shape[axis] - 3)
+    return k, q - k
+
+
+def _sample_line(lattice: Any, i: int, fx: float, first: int, line: Any):
+    """Samples of a surface half a spacing apart from south to north, from the node before the ``first`` on.
+
+    ``line`` (3, 2 m + 3) gets elevations [m] and slopes north and east [1].
+    """
+    a, b, c = lattice.coefficients[i], lattice.coefficients[i + 1], lattice.coefficients[i + 2]
+    wx, dx = weights(fx), weight_slopes(fx)
+    for n in range(line.shape[1]):
+        j, fy = _place(lattice, 1, first, n)
+        wy, dy = weights(fy), weight_slopes(fy)
+        south, here = interpolate(wx, a[j], b[j], c[j]), interpolate(wx, a[j + 1], b[j + 1], c[j + 1])
+        north = interpolate(wx, a[j + 2], b[j + 2], c[j + 2])
+        line[0, n], line[1, n] = interpolate(wy, south, here, north), interpolate(dy, south, here, north) / lattice.spacing[1]
+        south, here = interpolate(dx, a[j], b[j], c[j]), interpolate(dx, a[j + 1], b[j + 1], c[j + 1])
+        north = interpolate(dx, a[j + 2], b[j + 2], c[j + 2])
+        line[2, n] = interpolate(wy, south, here, north) / lattice.spacing[0]
+
+
+def _resample(lattice: Any, first: Any, line: Any, along: Any, east: Any, found: Any):
+    """Coefficients ``found`` (n, m) [m] on the nodes from the ``first`` on of the spline that follows a surface."""
+    for k in range(len(along)):
+        i, fx = _place(lattice, 0, first[0], k)
+        _sample_line(lattice, i, fx, first[1], line)
+        z, s = line[0], line[1]
+        for m in range(found.shape[1]):
+            n = 2 * m
+            smooth = bend_smoothness(s[n], s[n + 1], s[n + 2], s[n + 3], s[n + 4])
+            along[k, m] = resampled_coefficient(z[n + 1], z[n + 2], z[n + 3], smooth)
+            east[k, m] = line[2, n + 2]
+    for k in range(len(found)):
+        n = 2 * k
+        for m in range(found.shape[1]):
+            smooth = bend_smoothness(east[n, m], east[n + 1, m], east[n + 2, m], east[n + 3, m], east[n + 4, m])
+            found[k, m] = resampled_coefficient(along[n + 1, m], along[n + 2, m], along[n + 3, m], smooth)
+
+
+def resample_windows(lattice: Any, first: Any, windows: Any, values: Any):
+    """Coefficients of :meth:`runout.model.surface.Surface.on_nodes` in windows of nodes, with the same bits.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    first : ndarray (2,) of int
+        Node of ``values[0, 0]``, counted from that of the plan.
+    windows : ndarray (n, 2, 2) of int
+        First node and the one after the last, east and north, counted from the ``first``. Where they overlap, they get the same.
+    values : ndarray (nx, ny)
+        [m], filled there.
+    """
+    for k in prange(len(windows)):
+        (west, south), (east, north) = windows[k, 0], windows[k, 1]
+        lines, rows = 2 * (east - west) + 3, north - south
+        line, along, bends = np.empty((3, 2 * rows + 3)), np.empty((lines, rows)), np.empty((lines, rows))
+        begin = (first[0] + west, first[1] + south)
+        _resample(lattice, begin, line, along, bends, values[west:east, south:north])
 
 
 def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, reached: Any):

@@ -195,12 +195,12 @@ class BatchBackend(Protocol):
 
     def steps(
         self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None,
-        substeps: int = 1,
+        substeps: int = 1, nodes: bool = False,
     ) -> None:  # fmt: skip
         """``count`` transfers of ``substeps`` explicit substeps of ``dt`` [s].
 
         After the transfers that ``looks`` names, from 1 on, ``take`` gets the number of the transfer and its columns: those of
-        :meth:`WindowBackend.lattice_columns`.
+        :meth:`WindowBackend.lattice_columns`. ``nodes`` announces that :meth:`WindowBackend.node_columns` is called next.
         """
 
 
@@ -244,11 +244,11 @@ class SceneBatch(Protocol):
     def advance(
         self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None,
         take: Callable[[int, int, RasterSums], None] | None = None, going_on: Collection[int] = (),
-        substeps: Sequence[int] | None = None,
+        substeps: Sequence[int] | None = None, nodes: Collection[int] = (),
     ) -> None:  # fmt: skip
         """``count[s]`` transfers of ``substeps[s]`` substeps of ``dt[s]`` [s], by default one each.
 
-        ``take`` gets scene, transfer and columns, as of :meth:`BatchBackend.steps`.
+        ``take`` gets scene, transfer and columns, as of :meth:`BatchBackend.steps`; ``nodes`` are scenes for which it announces.
 
         Scenes that are ``going_on`` with steps that began in an earlier call keep the length that was admissible then.
         """

@@ -105,15 +105,11 @@ class NodalSurface:
         tiles = [self._tile(int(low[0] + key // count), int(low[1] + key % count)) for key in keys]
         return np.concatenate(tiles), slot * WIDTH**2
 
-    def unchanged(self, i: int, j: int) -> np.ndarray:
-        """Coefficients (WIDTH, WIDTH) [m] of tile ``i``, ``j`` without the change: at the nodes from TILE i, TILE j on."""
-        if (i, j) not in self._unchanged:
-            self._unchanged[i, j] = self.surface.on_nodes(self.spacing, (i * TILE, j * TILE), (WIDTH, WIDTH)).coefficients
-        return self._unchanged[i, j]
-
     def _tile(self, i: int, j: int) -> np.ndarray:
         if (i, j) not in self._tiles:
-            tile = self.unchanged(i, j)
+            if (i, j) not in self._unchanged:
+                self._unchanged[i, j] = self.surface.on_nodes(self.spacing, (i * TILE, j * TILE), (WIDTH, WIDTH)).coefficients
+            tile = self._unchanged[i, j]
             if self.change.size:
                 self._add_change((i * TILE, j * TILE), tile := tile.copy())
             self._tiles[i, j] = tile.ravel()

@@ -375,7 +375,8 @@ class _Together:
         look_steps = {k: [n - done[k] for n in self.runs[k].look_steps if 0 < n - done[k] <= transfers[k]] for k in running}
         going_on = [k for k in running if done[k]]
         dt, look = [run.dt for run in self.runs], lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
-        self.batch.advance(dt, transfers, look_steps, look, going_on, [run.substeps for run in self.runs])
+        nodes = [k for k in running if transfers[k] == self.todo[k] and self.runs[k].erodes_after(self.planned[k])]
+        self.batch.advance(dt, transfers, look_steps, look, going_on, [run.substeps for run in self.runs], nodes)
         self.rows = []
         for k in running:
             self.todo[k] -= transfers[k]

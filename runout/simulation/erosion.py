@@ -38,13 +38,12 @@ from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED
 from runout.release import arrangement
 from runout.simulation.bed_share import DepositMass
-from runout.simulation.plan_nodes import POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births
+from runout.simulation.plan_nodes import NODES_OF_A_THREAD, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 2.0  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
 LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth takes as long as a few steps
-CELLS_OF_A_THREAD = 2**12  # nodes that are worth a thread of their own
 NOTHING = np.array([[2**62, 2**62], [0, 0]])  # first nodes and ends of no part of the window
 
 
@@ -175,7 +174,7 @@ class ErodingBed:
         under = bed_loops.Ground(self.coefficients.values, ground.change, np.array(scene.spacing), np.array(scene.gravity))
         laws = bed_loops.Laws(self.basal, rows, self.record, int(self.bed.erosion.of_friction))
         depths = bed_loops.Depths(self.there, self.eroded, self.owed)
-        with threads_at_most(columns.mass.size // CELLS_OF_A_THREAD):
+        with threads_at_most(columns.mass.size // NODES_OF_A_THREAD):
             loops(self.law, scene.basal.law).erode_nodes(flow, under, laws, depths, lasting, reached)
         self._note_changed(low[0] + np.flatnonzero(reached.nodes[:, 1]), reached.nodes)
         return float(reached.fastest.max())
@@ -228,7 +227,9 @@ class ErodingBed:
         if not count.any():
             return
         self._lower_ground(engine)
-        i, j = (np.repeat(index, count[count > 0]) for index in np.nonzero(count))
+        self.coefficients.make(count, first)  # mass may have left these nodes before the run was resumed
+        nodes = np.nonzero(count)
+        i, j = (np.repeat(index, count[nodes]) for index in nodes)
         newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
         self._book(columns, newborn, i + first[0], j + first[1])
         if len(self.scene.materials) > 1:
@@ -265,7 +266,7 @@ class ErodingBed:
                 (i, j), arrangement.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
             )
         )
-        z, east, north = self.ground.evaluate(x, y)
+        z, east, north = self.coefficients.evaluate(i, j, x, y).T
         above = self.radius * np.sqrt(1.0 + east**2 + north**2)
         newborn = Particles.at(np.column_stack([x, y, z + above]), np.array(self.scene.spacing))
         newborn.release[:] = releases

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from runout.backends import bed_loops
-from runout.backends.compile import numba_binding
+from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import NodeSums
 from runout.model.nodal_surface import TILE, WIDTH, NodalSurface
 from runout.model.scene import Raster, Scene
@@ -15,6 +15,7 @@ from runout.release import arrangement
 
 POOL_WIDTHS = 2, 4, 8, 16  # nodes
 THINNEST = 1e-6  # [m] of a bed; less is rounding
+NODES_OF_A_THREAD = 2**11  # that are worth a thread of their own
 
 
 @dataclass
@@ -80,20 +81,32 @@ class GroundCoefficients:
         high = [(one + n - 2) // TILE + 1 for one, n in zip(first, mass.shape, strict=True)]
         own = tuple(slice(a - begin, b - begin) for a, b, begin in zip(low, high, self.begin, strict=True))
         begins = [n * TILE + 1 - one for n, one in zip(low, first, strict=True)]  # of the first tile among the nodes
+        missing = []
         for i, j in np.argwhere(~self.known[own]).tolist():
             a, b = begins[0] + TILE * i, begins[1] + TILE * j
             if mass[max(a, 0) : a + TILE, max(b, 0) : b + TILE].any():
-                self._take(low[0] + i, low[1] + j)
+                missing.append((low[0] + i, low[1] + j))
+        if missing:
+            self._resample(np.array(missing))
 
-    def _take(self, i: int, j: int) -> None:
-        """Copy a tile of the ground, as far as it lies in the window."""
-        here, there = [], []
-        for tile, one, count in zip((i, j), self.first, self.values.shape, strict=True):
-            low, high = max(tile * TILE, one), min(tile * TILE + WIDTH, one + count)
-            here.append(slice(low - one, high - one))
-            there.append(slice(low - tile * TILE, high - tile * TILE))
-        self.values[*here] = self.ground.unchanged(i, j)[*there]
-        self.known[i - self.begin[0], j - self.begin[1]] = True
+    def _resample(self, tiles: np.ndarray) -> None:
+        """Make the tiles (n, 2) of the ground, as far as they lie in the window."""
+        surface, begins = self.ground.surface, tiles * TILE - self.first
+        windows = np.stack([np.maximum(begins, 0), np.minimum(begins + WIDTH, self.values.shape)], axis=1)
+        numbers = (np.array(values, np.float64) for values in (surface.origin, surface.spacing, self.ground.spacing))
+        lattice = bed_loops.Lattice(np.ascontiguousarray(surface.coefficients, np.float64), *numbers)
+        with threads_at_most(len(tiles) * TILE**2 // NODES_OF_A_THREAD):
+            _loops().resample_windows(lattice, np.array(self.first, np.int64), windows, self.values)
+        self.known[*(tiles - self.begin).T] = True
+
+    def evaluate(self, i: np.ndarray, j: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Elevation [m] and slopes [1] (n, 3) of the ground at ``x``, ``y`` (n,) [m], within half a cell of nodes made here."""
+        first = self.first[0] + 1, self.first[1] + 1
+        begin = np.array([*first, 0, 0, *np.subtract(first, self.ground.first), 0], np.int64)
+        record = bed_loops.Ground(self.values, self.ground.change, np.array(self.ground.spacing), np.zeros(3))
+        found = np.empty((len(i), 3))
+        _loops().evaluate_ground(record, begin, np.column_stack([i - first[0], j - first[1]]), np.column_stack([x, y]), found)
+        return found
 
 
 def births(
@@ -124,7 +137,7 @@ def births(
 
 @cache
 def _loops() -> SimpleNamespace:
-    """The compiled loop over pools, which knows no law."""
+    """The compiled loops of :mod:`runout.backends.bed_loops` that know no law."""
     return numba_binding(np.float64, False).kernels(bed_loops)
 
 

@@ -227,7 +227,7 @@ class Run:
                 self.keep.write(self._state(clock.perf_counter() - started))
             count = self.plan(BATCH)
             if isinstance(self.engine, BatchBackend):
-                self.engine.steps(self.dt, count, self.look_steps, self.look, self.substeps)
+                self.engine.steps(self.dt, count, self.look_steps, self.look, self.substeps, self.erodes_after(count))
             else:
                 count = self._step_singly(count)
             self.arrive(count)
@@ -343,10 +343,15 @@ class Run:
         self._note(self._time_after(step), columns)
         self.observing += clock.perf_counter() - started
 
+    def erodes_after(self, count: int) -> bool:
+        """Whether the bed is eroded after ``count`` more transfers."""
+        return self.bed is not None and self._time_after(count) >= self.bed.due - self._rounding
+
     def arrive(self, count: int) -> None:
         """Account for ``count`` finished steps; record forces, snapshots and a row of the ledger if they are due."""
+        erodes = self.erodes_after(count)
         self.time, self.made = self._time_after(count), self.made + count
-        if self.bed and self.time >= self.bed.due - self._rounding:
+        if self.bed and erodes:
             self._erode(self.bed)
         if self.time >= self.forces.due - self._rounding:
             self.forces.record(self.time, self.engine.structure_impulses())

@@ -464,17 +464,19 @@ def test_sums_around_nodes_wait_once_where_the_window_of_the_mass_is_known(monke
 
 
 def columns_in_turn(engine, asks):
-    """Sums around nodes after each of three series, by what each call launched."""
+    """Sums around nodes after each of three series that announce them, by what each call launched."""
     running(engine, sloped(), mass(speed=3.0), 3)
+    engine.node_columns()  # the window is known from here on
     found = []
     for _ in range(3):
-        engine.node_columns()
         engine.steps(DT, 2)
+        assert not engine.around.launched
+        engine.steps(DT, 2, nodes=True)
         found.append(asks(engine.node_columns))
     return found
 
 
-def test_sums_around_nodes_that_were_asked_for_come_with_the_series(monkeypatch):
+def test_sums_around_nodes_that_are_announced_come_with_the_series(monkeypatch):
     """Nothing is launched for them then; they are those that are launched when they are asked for."""
     engine = engine_of("hash")
 
@@ -503,7 +505,7 @@ def test_sums_around_nodes_that_were_asked_for_come_with_the_series(monkeypatch)
 def test_sums_around_nodes_of_a_series_are_dropped_when_particles_join():
     engine = running(engine_of("hash"), sloped(), mass(speed=3.0), 3)
     before = engine.node_columns().sums[4].sum()
-    engine.steps(DT, 2)
+    engine.steps(DT, 2, nodes=True)
     assert engine.around.launched
     more = mass((24.0, 33.0, 1.5), (2.0, 2.0, 0.5), 20_000)
     engine.add(more)

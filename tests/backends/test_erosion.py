@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from scenes import HARD, box, engine_of, plane, scene
 
 from runout import Bed, DruckerPrager, EnergyErosion, FrictionZones, GrowthErosion, JumpErosion, PorePressure, RammsErosion, Terrain
 from runout.backends import bed_loops
-from runout.backends.protocol import BACKENDS
+from runout.backends.protocol import BACKENDS, NodeSums
 from runout.errors import ConfigError
 from runout.model.erosion_laws import EROSIONS
+from runout.model.surface import Surface
 from runout.release.arrangement import PLASTIC
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.erosion import ErodingBed
@@ -168,8 +170,6 @@ def test_interrupted_run_with_births_gives_the_same_bits(backend, tmp_path):
 @pytest.mark.parametrize("law", [law.name for law in EROSIONS.of_runout()])
 def test_compiled_rate_is_that_of_plain_python(law):
     """The kernel passes thickness, stresses and depth normal to the ground, and the parameters in SI units."""
-    from types import SimpleNamespace
-
     from runout.model.friction_laws import FRICTIONS, numbers_of
     from runout.physics import bed
     from runout.physics.heightfield import upward_normal
@@ -438,3 +438,42 @@ def test_a_pool_gives_whole_particles_where_it_owes_most_and_rounds_up_only_what
     np.testing.assert_array_equal(pools.depth, depth)
     if late == 0.0:
         assert count.sum() == 3
+
+
+def rough_bed(depth=2.0):
+    """A bed on rough ground, of which nothing is eroded yet."""
+    heights = np.random.default_rng(1).normal(size=(60, 60)).cumsum(axis=0)
+    surface = Surface.through(heights, (2.0, 2.5), (-10.0, -12.5))
+    a_scene = scene(surface, materials=(BLOCK,), friction=(MU,))
+    return ErodingBed(Bed(depth, FIXED), a_scene, Terrain.from_array(np.zeros(CELLS), (2.0, 2.5)), [], PER_CELL)
+
+
+def test_ground_under_a_bed_is_that_of_contact_bit_by_bit():
+    """Its coefficients are made by a compiled loop, in tiles where mass is."""
+    bed, rng = rough_bed(), np.random.default_rng(2)
+    mass = np.zeros(bed.shape)
+    mass[3:40, 5:60] = rng.random((37, 55)) > 0.9
+    bed.coefficients.make(mass, bed.first)
+    made, first = bed.coefficients.values, bed.coefficients.first
+    known = np.isfinite(made)
+    assert 0.2 < known.mean() < 0.9
+    expected = bed.ground.surface.on_nodes(bed.ground.spacing, first, made.shape).coefficients
+    np.testing.assert_array_equal(made[known], expected[known])
+    bed.ground.lower(bed.first, rng.random(bed.shape))
+    i, j = (index + start for index, start in zip(np.nonzero(mass), bed.first, strict=True))
+    x, y = i + rng.random(len(i)) - 0.5, j + rng.random(len(j)) - 0.5
+    np.testing.assert_array_equal(bed.coefficients.evaluate(i, j, x, y).T, bed.ground.evaluate(x, y))
+
+
+def test_births_lie_on_the_ground_where_no_mass_has_come_since_the_run_was_resumed():
+    """The mass that eroded a node has left it, and what it owes is born when nothing is eroded any more."""
+    bed, born = rough_bed(), []
+    bed.eroded[50, 60] = bed.owed[50, 60] = 1.0
+    sums = np.zeros((5, *bed.shape))
+    sums[::4, 2, 2] = 1.0, 2000.0  # at rest
+    known = {"node_columns": lambda: NodeSums(bed.first, sums), "lower": bed.ground.lower, "add": born.append, "max_speed": 0.0}
+    bed.update(SimpleNamespace(**known, flow_columns=list, lattice_columns=list, plan_masses=list), 1.0)
+    x, y, z = born[0].position(np.ones(3)).T
+    elevation, east, north = bed.ground.evaluate(x, y)
+    assert len(x) == 8
+    np.testing.assert_allclose(z - elevation, bed.radius * np.sqrt(1.0 + east**2 + north**2), rtol=0, atol=1e-9)

@@ -70,11 +70,11 @@ class HashBackend(Batch):
 
     def steps(
         self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None,
-        substeps: int = 1,
+        substeps: int = 1, nodes: bool = False,
     ) -> None:  # fmt: skip
         """``count`` transfers of ``substeps`` of ``dt`` [s]; the host looks in when particles are sorted or the index grows."""
         each = (lambda _, step, columns: take(step, columns)) if take else None
-        self.advance([dt], [count], {0: looks}, each, substeps=[substeps])
+        self.advance([dt], [count], {0: looks}, each, substeps=[substeps], nodes=[0] if nodes else [])
 
     def checkpoint(self) -> State:
         """The state between two steps, for :meth:`restore`."""

@@ -242,13 +242,14 @@ class Batch:
 
     def advance(
         self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None, take: Take | None = None,
-        going_on: Collection[int] = (), substeps: Sequence[int] | None = None,
+        going_on: Collection[int] = (), substeps: Sequence[int] | None = None, nodes: Collection[int] = (),
     ) -> None:  # fmt: skip
         """``count[s]`` transfers of scene s, each of ``substeps[s]`` substeps (1) of ``dt[s]`` [s].
 
         The host looks in only when particles are sorted.
         ``take`` gets scene, transfer and columns after the transfers that ``looks`` names by scene, from 1 on. A step is checked
-        where its series begins: scenes that are ``going_on`` with one keep its length, as in a run of their own.
+        where its series begins: scenes that are ``going_on`` with one keep its length, as in a run of their own. Sums around nodes
+        are asked for next in the scenes ``nodes``.
         """
         started = time.perf_counter()
         each = np.ones(len(self.accounts), np.int64) if substeps is None else np.asarray(substeps, np.int64)
@@ -260,7 +261,7 @@ class Batch:
             self._take_up()
             self.looks.find_mass(self.parts, self.report, self.accounts, lengths, self._finish_joining)
         self._forget()
-        self.around.begin()
+        self.around.begin(nodes)
         self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
@@ -446,7 +447,7 @@ class Batch:
             return found[0]
 
     def _look_around(self) -> None:
-        """Launch the sums around nodes that the host is likely to take behind the last transfer of the series."""
+        """Launch the sums around nodes that the host takes next, behind the last transfer of the series."""
         for scene in self.around.wanted:
             wide = self.looks.window(scene)
             if wide is not None:

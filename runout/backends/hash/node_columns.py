@@ -3,13 +3,13 @@
     add     particles -> sums (nodes of the window, 5)         whole numbers; blocks with particles -> their extent
     take    sums, extent -> found   | extent: 7 | volume | momentum (3) | mass | of the nodes that hold the mass, in SI
 
-The sums are zero again afterwards. Where a scene was asked for its sums after the last series, those of the next are launched
-behind its last transfer: they are on the host with the status, and nobody waits for them alone.
+The sums are zero again afterwards. Where the sums of a scene are asked for after a series, they are launched behind its last
+transfer: they are on the host with the status, and nobody waits for them alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -36,9 +36,7 @@ class NodeColumns:
 
     Attributes
     ----------
-    asked : set of int
-        Scenes of which sums were taken since the last series.
-    wanted : set of int
+    wanted : collection of int
         Scenes of which they are launched behind the present series.
     """
 
@@ -46,12 +44,11 @@ class NodeColumns:
         self.arrays: dict[int, _SumArrays] = {}
         self.launched: dict[int, LaunchedNodes] = {}
         self.lent: dict[int, Any] = {}
-        self.asked: set[int] = set()
-        self.wanted: set[int] = set()
+        self.wanted: Collection[int] = ()
 
-    def begin(self) -> None:
+    def begin(self, wanted: Collection[int]) -> None:
         """A series begins: what has been launched is no longer that of the present."""
-        self.launched, self.wanted, self.asked = {}, self.asked, set()
+        self.launched, self.wanted = {}, wanted
 
     def launch(self, parts: Parts, accounts: Sequence[Account], scene: int, wide: Bounds) -> None:
         """Launch the sums of a scene over a ``wide`` window of nodes that holds its mass. Nothing waits.
@@ -79,7 +76,6 @@ class NodeColumns:
 
     def take(self, parts: Parts, scene: int) -> tuple[NodeSums, Bounds] | None:
         """The sums of a scene that are launched, once they are on the host, and the nodes that it covers; None without any."""
-        self.asked.add(scene)
         return self.launched.pop(scene).arrived(parts, scene)
 
 
