@@ -346,12 +346,13 @@ class Run:
     def arrive(self, count: int) -> None:
         """Account for ``count`` finished steps; record forces, snapshots and a row of the ledger if they are due."""
         self.time, self.made = self._time_after(count), self.made + count
-        if self.bed and self.time >= self.bed.due - self._rounding:
+        end = self.control.end_time - self._rounding  # where maps have been updated: no particle is born behind them
+        if self.bed and self.bed.due - self._rounding <= self.time < end:
             self._erode(self.bed)
         if self.time >= self.forces.due - self._rounding:
             self.forces.record(self.time, self.engine.structure_impulses())
         self._keep_snapshots()
-        if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
+        if self.time >= min(self.ledger_due - self._rounding, end):
             self._observe()
         self._let_enter()
         self._go_to_next_mass()
