@@ -19,6 +19,7 @@ from runout.physics.tensors import tens, vec
 prange = range  # that of the compiler takes its place
 DITHER = 0.35  # particles by which the rounding of a pool differs from a half at most
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
+PARTS = 8  # of the time between two updates, where the rate changes with what is eroded in it
 
 
 class Flow(NamedTuple):
@@ -100,6 +101,16 @@ def _rate_at(column: Any, slopes: Any, eroded: Any, g: Any, basal: Any, of_frict
     if of_friction != 0:
         tau = friction_stress(sigma, pore_ratio, u, basal)
     return rate(across, u, sigma, tau, pore_ratio, eroded * normal[2], bed) / normal[2]
+
+
+def _eroded_in(time: Any, E: Any, left: Any, column: Any, slopes: Any, eroded: Any, g: Any, own: Any, of_friction: int, bed: Any):
+    """Depth [m] that a column erodes in a time [s], of what is ``left`` [m]; ``E`` is its rate [m/s] at first."""
+    more, part = min(time * E, left), time / PARTS
+    if more > 0.0 and _rate_at(column, slopes, eroded + more, g, own, of_friction, bed) != E:
+        more = 0.0
+        for _ in range(PARTS):
+            more = min(more + part * _rate_at(column, slopes, eroded + more, g, own, of_friction, bed), left)
+    return more
 
 
 def _covered_at(mass: Any, i: int, j: int):
@@ -260,8 +271,9 @@ def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, 
             wet = flow.pore_ratio[k, n] if len(flow.pore_ratio) else 0.0
             column = flow.sums[0, a, b] / (area * covered), u, m / flow.sums[0, a, b], wet
             own = laws.basal[laws.rows[k, n] if len(laws.rows) else 0]
-            E = _rate_at(column, (east / spacing[0], north / spacing[1]), eroded[i, j], g, own, laws.of_friction, laws.bed[0])
-            more = min(lasting * E * covered, left)
+            slopes = east / spacing[0], north / spacing[1]
+            E = _rate_at(column, slopes, eroded[i, j], g, own, laws.of_friction, laws.bed[0])
+            more = _eroded_in(lasting * covered, E, left, column, slopes, eroded[i, j], g, own, laws.of_friction, laws.bed[0])
             largest = max(largest, E)
             if more > 0.0:
                 eroded[i, j] += more
@@ -291,11 +303,12 @@ def _pool_has(owed: Any, left: Any, low: Any, high: Any, share: float):
     return True
 
 
-def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
+def round_pools(pools: Any, first: Any, steps: Any, nearest: bool, size: int):
     """Particles for what square pools of nodes owe, rounded to whole ones at the node that owes most.
 
     What is added before a number is rounded down is half a particle in the mean and differs by :data:`DITHER` from pool to pool, so
-    that a flow that is the same everywhere does not grow in jumps. Numbers are rounded upwards only where the nodes have so much.
+    that a flow that is the same everywhere does not grow in jumps. With a larger mean each pool that the flow leaves has given too
+    much. Numbers are rounded upwards only where the nodes have so much.
 
     Parameters
     ----------
@@ -305,8 +318,8 @@ def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
         The first node, counted from that of the plan.
     steps : ndarray (2,)
         By which the rounding moves from node to node along each axis [1].
-    late : float
-        [particles] that a pool may owe more than at the last births; 0: numbers are rounded down.
+    nearest : bool
+        False: numbers are rounded down.
     size : int
         Nodes of a pool along each axis.
     """
@@ -321,9 +334,9 @@ def round_pools(pools: Any, first: Any, steps: Any, late: float, size: int):
             each = pools.takes[at[0], at[1]]
             particles = max(total, 0.0) / each + 1e-9
             whole = number = math.floor(particles)
-            if late > 0.0:
+            if nearest:
                 place = (first[0] + i0) * steps[0] + (first[1] + j0) * steps[1]
-                number = math.floor(particles + 0.5 + DITHER * (1.0 - 2.0 * (place - math.floor(place))) + 0.25 * late)
+                number = math.floor(particles + 0.5 + DITHER * (1.0 - 2.0 * (place - math.floor(place))))
             if not _pool_has(owed, pools.left, low, high, number * each / due):
                 number = whole
             born[at[0], at[1]] = number

@@ -154,6 +154,9 @@ class Backend(Protocol):
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
         """Lower the ground of the scene between two steps (:meth:`runout.model.nodal_surface.NodalSurface.lower`), in place.
 
+        The particles above sink by the same height, with the same velocity and stress: nothing falls, and contact stays. Each stays
+        in its cell.
+
         Parameters
         ----------
         first : tuple of int

@@ -3,8 +3,9 @@
 An update takes the columns of the flow and adds what the law erodes to what each node owes. 2 x 2 nodes together give birth to
 what they owe, rounded to whole particles, at the node that owes most: at rest, without stress, at the lowered ground, with the
 number and the density of the mass above, and with the pore pressure of the bed. They join the running backend, which lowers its
-ground by all that is eroded, so that it stays smooth; maps and ledger hold what became particles. The grid passes momentum to these
-in the next transfer.
+ground by all that is eroded, so that it stays smooth; maps and ledger hold what became particles. The flow sinks with its ground,
+without a fall: else it would lose contact and stress at each lowering, and newborn particles alone would bear it meanwhile. The
+grid passes momentum to these in the next transfer.
 
 Updates come when births are due, and so often that between two of them the fastest particle goes two cells and the bed falls by
 2 % of a cell at most.
@@ -154,7 +155,7 @@ class ErodingBed:
         between = LATE * self.volume / (4.0 * self.area * max(fastest, 1e-12))  # [s] from births to the next
         if columns is not None and (time - self.births_at >= between or fastest == 0.0):
             self.births_at = time
-            self._give_birth(engine, columns, LATE if fastest > 0.0 else 0.0)
+            self._give_birth(engine, columns, fastest > 0.0)
         g, h = math.hypot(*self.scene.gravity), min(self.scene.spacing)
         travel = array_binding().bed.time_to_travel(TRAVEL * h, engine.max_speed, max(g, 1e-12))
         self.due = min(time + float(travel), time + LOWERING * h / max(fastest, 1e-12), self.births_at + between)
@@ -208,10 +209,10 @@ class ErodingBed:
         along, across = (slice(b, b + n) for b, n in zip(begin, columns.shape, strict=True))
         return along, across
 
-    def _give_birth(self, engine: Backend, columns: Columns, late: float) -> None:
-        """Particles for what pools of nodes owe (:func:`_births`); the ground falls by all that is eroded.
+    def _give_birth(self, engine: Backend, columns: Columns, goes_on: bool) -> None:
+        """Particles for what pools of nodes owe (:func:`births`); the ground falls by all that is eroded, and the flow with it.
 
-        Where nothing is eroded any more, wider pools collect what is left of particles.
+        Where nothing is eroded any more, so that no erosion ``goes_on``, wider pools collect what is left of particles.
         """
         part_of = self._pools_around(columns)
         first = (self.first[0] + part_of[0].start, self.first[1] + part_of[1].start)
@@ -220,8 +221,8 @@ class ErodingBed:
         takes = (mass / (self.bed.density or densities) / self.area)[releases]  # [m] of the bed
         left = self.there[part_of] - self.eroded[part_of]
         count = np.zeros(owed.shape, np.int64)
-        for size in POOL_WIDTHS[:1] if late > 0.0 else POOL_WIDTHS:
-            more, depth = births(owed, left, takes, first, late, size)
+        for size in POOL_WIDTHS[:1] if goes_on else POOL_WIDTHS:
+            more, depth = births(owed, left, takes, first, goes_on, size)
             owed -= depth
             count += more
         if not count.any():

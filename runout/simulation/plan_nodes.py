@@ -110,12 +110,11 @@ class GroundCoefficients:
 
 
 def births(
-    owed: np.ndarray, left: np.ndarray, takes: np.ndarray, first: tuple[int, int], late: float, size: int
+    owed: np.ndarray, left: np.ndarray, takes: np.ndarray, first: tuple[int, int], nearest: bool, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Number of particles (nx, ny) that are born at each node, and the depth (nx, ny) [m] that each node gives for them.
 
-    Births come so often that no pool owes ``late`` more than at the last; those that need no more than a quarter of that are due,
-    so that births are about as often early as late. The loop is :func:`runout.backends.bed_loops.round_pools`.
+    The loop is :func:`runout.backends.bed_loops.round_pools`.
 
     Parameters
     ----------
@@ -123,15 +122,15 @@ def births(
         Depth [m] that nodes owe, that is not eroded yet, and that a particle takes.
     first : tuple of int
         The first node, counted from that of the plan.
-    late : float
-        [particles]; 0: what pools owe is rounded down.
+    nearest : bool
+        False: what pools owe is rounded down.
     size : int
         Nodes of a pool along each axis.
     """
     count, depth = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
     pools = bed_loops.Pools(np.ascontiguousarray(owed), np.ascontiguousarray(left), takes, count, depth)
     steps = np.array(arrangement.PLASTIC[:2], np.float64)
-    _loops().round_pools(pools, np.array(first, np.int64), steps, float(late), size)
+    _loops().round_pools(pools, np.array(first, np.int64), steps, nearest, size)
     return count, depth
 
 

@@ -344,19 +344,20 @@ class Run:
         self.observing += clock.perf_counter() - started
 
     def erodes_after(self, count: int) -> bool:
-        """Whether the bed is eroded after ``count`` more transfers."""
-        return self.bed is not None and self._time_after(count) >= self.bed.due - self._rounding
+        """Whether the bed is eroded after ``count`` more transfers; at the end maps have been updated, and no particle is born."""
+        end = self.control.end_time - self._rounding
+        return self.bed is not None and self.bed.due - self._rounding <= self._time_after(count) < end
 
     def arrive(self, count: int) -> None:
         """Account for ``count`` finished steps; record forces, snapshots and a row of the ledger if they are due."""
-        erodes = self.erodes_after(count)
+        erodes, end = self.erodes_after(count), self.control.end_time - self._rounding
         self.time, self.made = self._time_after(count), self.made + count
         if self.bed and erodes:
             self._erode(self.bed)
         if self.time >= self.forces.due - self._rounding:
             self.forces.record(self.time, self.engine.structure_impulses())
         self._keep_snapshots()
-        if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
+        if self.time >= min(self.ledger_due - self._rounding, end):
             self._observe()
         self._let_enter()
         self._go_to_next_mass()

@@ -213,8 +213,9 @@ class Batch:
             yield
 
     def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground of a scene, as :meth:`runout.backends.protocol.Backend.lower`: a sort cuts it anew before the next step.
+        """Lower the ground of a scene and its particles, as :meth:`runout.backends.protocol.Backend.lower`.
 
+        A sort cuts the ground anew before the next step.
         Scenes that share the ground share what is lowered.
         """
         ground = self.parts.scenes.scenes[scene].ground
@@ -223,8 +224,13 @@ class Batch:
         if not depth.size:
             return
         ground.lower(first, depth)
-        with self._on_device():
-            self.parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
+        with self._at_rest():
+            self._finish_sort()
+            parts, table = self.parts, wp.array(depth, dtype=wp.float64)
+            parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
+            groups = parts.store.group, parts.index.block_group, parts.scenes.group, parts.scenes.constants
+            run(parts.k.sink, parts.store.n, *groups, table, scene, *first)
+        self._forget()
         self.since_sort = STEPS_PER_SORT
 
     def bytes_used(self) -> int:

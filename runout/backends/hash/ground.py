@@ -10,15 +10,27 @@ import warp as wp
 
 from runout.backends.hash.contact_solution import _around
 from runout.backends.hash.grid import NodeArrays
-from runout.backends.hash.groups import BlockGroup, Constants, GroundGroup, SceneGroup, StatusGroup, SurfaceGroup, filled, groups_of
+from runout.backends.hash.groups import (
+    BlockGroup,
+    Constants,
+    GroundGroup,
+    ParticleGroup,
+    SceneGroup,
+    StatusGroup,
+    SurfaceGroup,
+    filled,
+    groups_of,
+)
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     GROUNDED,
     GROW,
     HALT,
     NEAR,
+    OFFSET,
     SLOT,
     Doubles,
+    Doubles2,
     Ints,
     Real,
     Rows,
@@ -228,6 +240,37 @@ def bound_columns(ground: GroundGroup, constants: Constants):
     n = upward_normal(east * constants.h[2] / constants.h[0], north * constants.h[2] / constants.h[1])
     ground.bounds[place, 2 * column] = wp.float16(top + real(0.001) * (real(1.0) + wp.abs(top)))
     ground.bounds[place, 2 * column + 1] = wp.float16(real(0.999) * n[2])
+
+
+def _depth_at(depth: Doubles2, i: int, j: int):
+    """A place of a table (nx, ny) [m], nothing beyond it."""
+    if i < 0 or j < 0 or i >= depth.shape[0] or j >= depth.shape[1]:
+        return wp.float64(0.0)
+    return depth[i, j]
+
+
+def sink(
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, depth: Doubles2, s: int, east: int,
+    north: int,
+):  # fmt: skip
+    """Let the particles of a scene above nodes from (``east``, ``north``) on sink by a ``depth`` (nx, ny) [m], each in its cell."""
+    p = wp.tid()
+    k = particles.key[p]
+    b = wp.max(k, 0) >> 6
+    if k < 0 or blocks.member[b] != s:
+        return
+    i = 4 * blocks.coordinates[b, 0] + ((k >> 4) & 3) - east
+    j = 4 * blocks.coordinates[b, 1] + ((k >> 2) & 3) - scenes.shift[s] - north
+    if i <= -3 or j <= -3 or i >= depth.shape[0] or j >= depth.shape[1]:
+        return
+    nine = tens64(
+        _depth_at(depth, i, j), _depth_at(depth, i, j + 1), _depth_at(depth, i, j + 2),
+        _depth_at(depth, i + 1, j), _depth_at(depth, i + 1, j + 1), _depth_at(depth, i + 1, j + 2),
+        _depth_at(depth, i + 2, j), _depth_at(depth, i + 2, j + 1), _depth_at(depth, i + 2, j + 2),
+    )  # fmt: skip
+    found = surface_at64(nine, wp.float64(particles.rec[OFFSET, p]), wp.float64(particles.rec[OFFSET + 1, p]))
+    lower = wp.float64(particles.rec[OFFSET + 2, p]) - found[0] / wp.float64(constants.h[2])
+    particles.rec[OFFSET + 2, p] = real(wp.max(lower, wp.float64(0.5)))
 
 
 class Ground:

@@ -27,6 +27,7 @@ from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, joined_mean, require_index_range
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline, contact, substeps
+from runout.physics.heightfield import surface_at
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
 
@@ -98,9 +99,14 @@ class ReferenceBackend:
             self.structures.add(particles.identity)
 
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]."""
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m], and the particles above."""
         assert self.scene.ground is not None
         self.scene.ground.lower(first, depth)
+        p, around = self._p, np.pad(depth, 3)  # nodes beyond the part do not fall
+        i, j = (np.clip(p.node[:, k] - first[k] + 3, 0, around.shape[k] - 3) for k in range(2))
+        nine = [around[i + a, j + b] for a in range(3) for b in range(3)]
+        fall = surface_at(nine, p.offset[:, 0], p.offset[:, 1])[0]
+        p.offset[:, 2] = np.maximum(p.offset[:, 2] - fall / self.spacing[2], 0.5)  # in its cell
 
     @property
     def max_speed(self) -> float:

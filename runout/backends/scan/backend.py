@@ -122,13 +122,14 @@ class ScanBackend:
         self.k.change_step(self.store.particles._replace(order=slots), alone, t.moduli, real(t.packed_dt), t.constants.h)
 
     def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m].
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m], and the particles above.
 
         The next step cuts the tiles of the blocks there anew.
         """
-        ground = self.scene.ground
+        ground, c = self.scene.ground, self.tables.constants
         assert ground is not None
         ground.lower(first, depth)
+        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, np.ascontiguousarray(depth, np.float64), first)
         self.lowered.append((first, depth.shape))
 
     def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:

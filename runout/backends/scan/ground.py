@@ -154,6 +154,35 @@ def cut_tiles(coefficients, origin, size, change, first, blocks, corner, h, grou
             block = _joined(around, bxyz, block, ABOVE)
 
 
+def sink(particles, blocks, corner, h, depth, first):
+    """Let the particles above nodes from ``first`` on sink with their ground by a ``depth`` (nx, ny) [m]; each stays in its cell.
+
+    Their velocity stays the same: the record holds the momentum at the middle of the cell.
+    """
+    rec, order, starts, bxyz = particles.rec, particles.order, blocks.starts, blocks.bxyz
+    for b in prange(blocks.nown):
+        m = corner[0] + 4 * bxyz[b, 0] - first[0]
+        n = corner[1] + 4 * bxyz[b, 1] - first[1]
+        if m <= -6 or n <= -6 or m >= depth.shape[0] or n >= depth.shape[1]:
+            continue
+        for c in range(64):
+            i = m + (c >> 4)
+            j = n + ((c >> 2) & 3)
+            nine = (
+                _change_at(depth, i, j), _change_at(depth, i, j + 1), _change_at(depth, i, j + 2),
+                _change_at(depth, i + 1, j), _change_at(depth, i + 1, j + 1), _change_at(depth, i + 1, j + 2),
+                _change_at(depth, i + 2, j), _change_at(depth, i + 2, j + 1), _change_at(depth, i + 2, j + 2),
+            )  # fmt: skip
+            for t in range(starts[b, c], starts[b, c + 1]):
+                p = order[blocks.first[b] + t]
+                fall = surface_at(nine, np.float64(rec[p, 4]), np.float64(rec[p, 8]))[0] / h[2]
+                lower = real(max(np.float64(rec[p, 12]) - fall, 0.5))
+                moved = rec[p, 12] - lower
+                for k in range(3):
+                    rec[p, 1 + k] += moved * rec[p, 13 + k]
+                rec[p, 12] = lower
+
+
 def _ground(a, fx, fy, z, radius, east, north, dz):
     """Unit normal and gap [m] of a particle at height ``z`` [cells] in a block; east, north = dz/dx, dz/dy."""
     e = surface_at(a, fx, fy)
