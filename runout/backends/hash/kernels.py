@@ -115,7 +115,7 @@ KINDS = {
         (stencil, zones, contact_area, structure_surface, pore_pressure, contact_solution, contact_detection, structure_contact),
         STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,), structured=True,
     ),
-    "substeps.sums": _substeps("resume_nodes", "close_step"),
+    "substeps.sums": _substeps("resume_nodes"),
     "substeps.law": _substeps("grid_to_particles", "strain_in_place", fast=(CELL_LANES, PARTICLE_LANES)),
     "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
     "substeps.structures": _substeps("find_structure_contacts", "solve_contacts", structured=True),
@@ -195,10 +195,10 @@ def _kernels_of(
     names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
     names["Pores"] = names["Reals" if what.structured else "PoreGroup"]  # not read at structures: the group would pass 4 kilobytes
-    names |= {"COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
+    names |= {"VELOCITIES": 2 * what.substepped, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision, wet) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
-    needed = {"measure_layers": wet, "slow_nodes": drags, "slow_columns": drags and ordered}
+    needed = {"measure_layers": wet, "slow_nodes": drags, "slow_columns": drags and ordered, "resume_nodes": ordered}
 
     def module_of(name: str) -> Any:
         wanted = what.wanted(name) and needed.get(name, True)
