@@ -176,16 +176,21 @@ def _gpu(records: Sequence[Mapping[str, Any]]) -> str:
 def _by_kernel(record: Mapping[str, Any]) -> str:
     """Launches, time and bytes of each kernel of a transfer of one and of four substeps."""
     one, four = ({r["kernel"]: r for r in record["records"][number]} for number in "14")
+    earlier = {r["kernel"]: r for r in record["before"]}
     rows = []
-    for name, r in four.items():
-        alone = one.get(name)
+    for name in [*four, *(gone for gone in earlier if gone not in four)]:
+        alone, now = one.get(name), four.get(name)
         single = (f"{alone['microseconds']:.0f}", _megabytes(alone)) if alone else ("", "")
-        before = f"{record['microseconds_before'][name]:.0f}"
-        rows.append(
-            (f"`{name}`", *single, f"{r['launches']:g}", before, f"{r['microseconds']:.0f}", _megabytes(r), f"{r['registers']:.0f}")
-        )
-    heads = ("kernel", "1 substep [µs]", "[MB]", "launches, 4 substeps", "before [µs]", "each [µs]", "[MB]", "registers")
+        found = (*_launched(now), _megabytes(now), f"{now['registers']:.0f}") if now else ("", "", "", "")
+        rows.append((f"`{name}`", *single, *(_launched(earlier[name]) if name in earlier else ("", "")), *found))
+    of_launches = ("launches before", "each [µs]", "launches, 4 substeps", "each [µs]")
+    heads = ("kernel", "1 substep [µs]", "[MB]", *of_launches, "[MB]", "registers")
     return markdown(heads, rows)
+
+
+def _launched(kernel: Mapping[str, float]) -> tuple[str, str]:
+    """Launches of a kernel in a transfer, and the time [µs] of each."""
+    return f"{kernel['launches']:g}", f"{kernel['microseconds']:.0f}"
 
 
 def _rates(rates: Sequence[Mapping[str, Any]]) -> str:
@@ -205,12 +210,10 @@ def _megabytes(kernel: Mapping[str, float]) -> str:
 
 def _of_substeps(record: Mapping[str, Any]) -> dict[str, float]:
     """Time [µs] of a substep: the only one of a transfer, and of four, also before."""
-    four, before = record["records"]["4"], record["microseconds_before"]
-    return {
-        "of_one": sum(r["launches"] * r["microseconds"] for r in record["records"]["1"]),
-        "of_four": sum(r["launches"] * r["microseconds"] for r in four) / 4,
-        "before": sum(r["launches"] * before[r["kernel"]] for r in four) / 4,
-    }
+    one, four, before = (
+        sum(r["launches"] * r["microseconds"] for r in rows) for rows in (*record["records"].values(), record["before"])
+    )
+    return {"of_one": one, "of_four": four / 4, "before": before / 4}
 
 
 def _figure(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> bytes:

@@ -97,14 +97,17 @@ def _close_scene(status: StatusGroup, scenes: SceneGroup, t: int):
             status.tally[NEXT] = 0
 
 
-def _motion(grid: GridGroup, t: int, layer: int, turn: int):
-    """Velocity [m/s] of a node before substep number ``turn``, and its way [m] before that; the nodes of a layer are so many."""
+def _motion(grid: GridGroup, t: int, layer: int, turn: int, mass: Any):
+    """Velocity [m/s] of a node before substep number ``turn``, and its way [m] before that; the nodes of a layer are so many.
+
+    Those of a node without ``mass`` are not read: most nodes of a thin flow have none.
+    """
     motion = node4()
     way = node4()
     if SUBSTEPPED:
-        if turn >= FIRST:
+        if turn >= FIRST and mass > real(0.0):
             motion = node_at(grid.nodes, t + VELOCITIES * layer)
-        if turn > FIRST:
+        if turn > FIRST and mass > real(0.0):
             way = node_at(grid.nodes, t + WAYS * layer)
     return motion, way
 
@@ -132,11 +135,11 @@ def _begin_substep(
 ):  # fmt: skip
     """Way of a node before its last velocity; if substeps are left, its momentum and impulses with which the next one begins.
 
-    ``moving`` are its mass and new velocity. Nodes without mass have no velocity and no way, whatever lay there before.
+    ``moving`` are its mass, above zero, and new velocity.
     """
-    if (moving[0] > real(0.0) and turn > 1) or turn == wp.min(FIRST, substeps):
+    if turn > 1 or substeps == 1:
         put_node(grid.nodes, t + WAYS * layer, way)
-    if moving[0] > real(0.0) and turn < substeps:
+    if turn < substeps:
         begun = node4()
         if slot >= 0:
             begun = _begin_contacts(contacts, slot, t & 63, push)
@@ -156,8 +159,7 @@ def update_nodes(
     t = wp.tid()
     b = t >> 6
     layer = 64 * blocks.up.shape[0]
-    g = node_at(grid.nodes, t)  # all is loaded at once, before it is known whether there is anything to do
-    motion, way = _motion(grid, t, layer, turn[0])
+    g = node_at(grid.nodes, t)  # loaded at once, before it is known whether there is anything to do
     s = blocks.member[b]
     slot = ground.grounded[b]
     slopes = ground.slopes[b]
@@ -171,29 +173,25 @@ def update_nodes(
     if closes:
         blocks.ends[_cell_entry(t)] = 0
     dt = wp.abs(scenes.clock[s, 0])
+    motion, way = _motion(grid, t, layer, turn[0], g[0])
     v = vec(motion[1], motion[2], motion[3])
     if dt > real(0.0) and scenes.clock[s, SUBSTEPS] >= real(turn[0]):
         dv = vec(real(0.0), real(0.0), real(0.0))
         if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
             if turn[2] != 0:
                 dv = _slowed(status, blocks, grid, contacts, scenes, constants, friction, columns, first_release, releases, t)
-        v = vec(real(0.0), real(0.0), real(0.0))
-        push = node4()
         if g[0] > real(0.0):
+            push = node4()
             v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
             if slot >= 0:
                 push = _pushes(contacts, slot, t & 63)
                 v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
             if DRAGS_COLUMN:
                 v += dv
-        moving = node4(g[0], v[0], v[1], v[2])
-        there = g[0] > real(0.0)
-        if SUBSTEPPED:
-            there = there or turn[0] == 1
-        if there:
+            moving = node4(g[0], v[0], v[1], v[2])
             put_node(grid.nodes, t + VELOCITIES * layer, moving)
-        if SUBSTEPPED:
-            substeps = int(scenes.clock[s, SUBSTEPS])
-            _begin_substep(grid, contacts, slot, t, layer, turn[0], substeps, moving, push, way + dt * motion)
+            if SUBSTEPPED:
+                substeps = int(scenes.clock[s, SUBSTEPS])
+                _begin_substep(grid, contacts, slot, t, layer, turn[0], substeps, moving, push, way + dt * motion)
     if closes and dt > real(0.0):
         note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
