@@ -23,24 +23,19 @@ from runout.backends.hash.layout import (
     CURSOR,
     DRAGS_AT_ONCE,
     DRAGS_COLUMN,
-    FIRST,
     HALT,
     NEXT,
     ORDERED,
     PUSHES,
     PUSHES_UP,
     SLOT,
-    SUBSTEPPED,
-    SUBSTEPS,
-    VELOCITIES,
-    WAYS,
     Frictions,
     Ints,
     node4,
     node_at,
     put_node,
 )
-from runout.backends.hash.stencil import _cell_entry, _place_of_begun
+from runout.backends.hash.stencil import _cell_entry
 from runout.physics.contact import approach_speed
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
@@ -86,112 +81,59 @@ def slow_nodes(
 def _close_scene(status: StatusGroup, scenes: SceneGroup, t: int):
     """A step less is left of scene ``t``, and the counts that the next blocks need start from zero.
 
-    What opened the step has read them. A scene with fewer substeps has waited.
+    What opened the step has read them.
     """
     if t < scenes.left.shape[0]:
         scenes.left[t] = wp.max(scenes.left[t] - 1, 0)
-        if SUBSTEPPED:
-            scenes.clock[t, 0] = wp.abs(scenes.clock[t, 0])
         if t == 0:
             status.tally[CURSOR] = 0
             status.tally[NEXT] = 0
 
 
-def _motion(grid: GridGroup, t: int, layer: int, turn: int, mass: Any):
-    """Velocity [m/s] of a node before substep number ``turn``, and its way [m] before that; the nodes of a layer are so many.
+def _velocity_of_node(contacts: ContactGroup, scenes: SceneGroup, g: Any, s: int, slot: int, n: int):
+    """Velocity [m/s] of a node with mass and momentum ``g`` after gravity and the impulses of the ground.
 
-    Those of a node without ``mass`` are not read: most nodes of a thin flow have none.
+    And how much these impulses [N s] have changed since the start of the substep.
     """
-    motion = node4()
-    way = node4()
-    if SUBSTEPPED:
-        if turn >= FIRST and mass > real(0.0):
-            motion = node_at(grid.nodes, t + VELOCITIES * layer)
-        if turn > FIRST and mass > real(0.0):
-            way = node_at(grid.nodes, t + WAYS * layer)
-    return motion, way
-
-
-def _pushes(contacts: ContactGroup, slot: int, n: int):
-    """Change [N s] of the impulses of all contacts on a node since the start of the substep."""
-    push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * n)
-    return node4(real(0.0), push[0], push[1], contacts.shares[slot * SLOT + PUSHES_UP + n])
-
-
-def _begin_contacts(contacts: ContactGroup, slot: int, n: int, push: Any):
-    """Impulses [N s] from which the contacts on a node start in the next substep: those of this one, which changed by ``push``."""
-    place = _place_of_begun(contacts, slot) + n
-    begun = node_at(contacts.memory, place) + push
-    put_node(contacts.memory, place, begun)
-    contacts.shares[slot * SLOT + PUSHES + 2 * n] = real(0.0)
-    contacts.shares[slot * SLOT + PUSHES + 2 * n + 1] = real(0.0)
-    contacts.shares[slot * SLOT + PUSHES_UP + n] = real(0.0)
-    return begun
-
-
-def _begin_substep(
-    grid: GridGroup, contacts: ContactGroup, slot: int, t: int, layer: int, turn: int, substeps: int, moving: Any, push: Any,
-    way: Any,
-):  # fmt: skip
-    """Way of a node before its last velocity; if substeps are left, its momentum and impulses with which the next one begins.
-
-    ``moving`` are its mass, above zero, and new velocity.
-    """
-    if turn > 1 or substeps == 1:
-        put_node(grid.nodes, t + WAYS * layer, way)
-    if turn < substeps:
-        begun = node4()
-        if slot >= 0:
-            begun = _begin_contacts(contacts, slot, t & 63, push)
-        momentum = moving[0] * moving + begun
-        put_node(grid.nodes, t, node4(moving[0], momentum[1], momentum[2], momentum[3]))
+    push = node4()
+    v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
+    if slot >= 0:
+        in_plan = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * n)
+        push = node4(real(0.0), in_plan[0], in_plan[1], contacts.shares[slot * SLOT + PUSHES_UP + n])
+        v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
+    return v, push
 
 
 def update_nodes(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
-    constants: Constants, friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, turn: wp.vec3i,
+    constants: Constants, friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, slowing: int,
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
 
-    ``turn``: number of the substep, most substeps of any scene, and whether drag on the columns of nodes slows. The last one closes
-    the transfer: nobody needs the lists of the cells any more, and their counts start from zero.
+    If ``slowing``, also after drag on the columns of nodes. Nobody needs the lists of the cells any more: their counts start from
+    zero.
     """
     t = wp.tid()
     b = t >> 6
-    layer = 64 * blocks.up.shape[0]
     g = node_at(grid.nodes, t)  # loaded at once, before it is known whether there is anything to do
     s = blocks.member[b]
     slot = ground.grounded[b]
     slopes = ground.slopes[b]
-    closes = turn[0] == turn[1]
     if status.flags[HALT] != 0:
         return
-    if closes:
-        _close_scene(status, scenes, t)
+    _close_scene(status, scenes, t)
     if b >= status.tally[BLOCKS]:
         return
-    if closes:
-        blocks.ends[_cell_entry(t)] = 0
-    dt = wp.abs(scenes.clock[s, 0])
-    motion, way = _motion(grid, t, layer, turn[0], g[0])
-    v = vec(motion[1], motion[2], motion[3])
-    if dt > real(0.0) and scenes.clock[s, SUBSTEPS] >= real(turn[0]):
-        dv = vec(real(0.0), real(0.0), real(0.0))
-        if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
-            if turn[2] != 0:
-                dv = _slowed(status, blocks, grid, contacts, scenes, constants, friction, columns, first_release, releases, t)
-        if g[0] > real(0.0):
-            push = node4()
-            v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
-            if slot >= 0:
-                push = _pushes(contacts, slot, t & 63)
-                v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
-            if DRAGS_COLUMN:
-                v += dv
-            moving = node4(g[0], v[0], v[1], v[2])
-            put_node(grid.nodes, t + VELOCITIES * layer, moving)
-            if SUBSTEPPED:
-                substeps = int(scenes.clock[s, SUBSTEPS])
-                _begin_substep(grid, contacts, slot, t, layer, turn[0], substeps, moving, push, way + dt * motion)
-    if closes and dt > real(0.0):
+    blocks.ends[_cell_entry(t)] = 0
+    v = vec(real(0.0), real(0.0), real(0.0))
+    dv = vec(real(0.0), real(0.0), real(0.0))
+    if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
+        if slowing != 0:
+            dv = _slowed(status, blocks, grid, contacts, scenes, constants, friction, columns, first_release, releases, t)
+    if g[0] > real(0.0):
+        v, _push = _velocity_of_node(contacts, scenes, g, s, slot, t & 63)
+        if DRAGS_COLUMN:
+            v += dv
+        put_node(grid.nodes, t, node4(g[0], v[0], v[1], v[2]))
+    if scenes.clock[s, 0] > real(0.0):
         note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))

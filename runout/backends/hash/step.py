@@ -94,8 +94,11 @@ def move_nodes(parts: Parts, turn: int = 1, substeps: int = 1) -> None:
         if parts.ordered and parts.drags_column:
             run_each(k.slow_columns, i.capacity, WARP, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     slowing = not touch_structures(parts, k) and parts.ground is not None
-    last = parts.k.later if substeps > 1 else parts.k
-    run(last.update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), wp.vec3i(turn, substeps, int(slowing)))
+    given = status, blocks, *groups, *drag_of(parts)
+    if substeps > 1:
+        run(parts.k.later.end_substep, i.capacity * 64, *given, wp.vec3i(turn, substeps, int(slowing)))
+    else:
+        run(parts.k.update_nodes, i.capacity * 64, *given, int(slowing))
 
 
 def weigh_releases(parts: Parts) -> None:

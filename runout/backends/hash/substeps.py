@@ -8,7 +8,7 @@
                               0, 4-11 columns of the impulse | 1-3 offset
 
     velocity --strain_in_place--> impulses of the new stress, added to the momentum --contact, as in the first substep--> momentum
-             --update_nodes--> velocity, way, and momentum with the impulses from which contacts start in the next substep
+             --end_substep--> velocity, way, and momentum with the impulses from which contacts start in the next substep
 
 A thread first owns a particle, then a part of a cell. Lists, weights and masses of the nodes stay, and so do the contacts with the
 ground: their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since
@@ -27,9 +27,11 @@ from runout.backends.hash.deform import _slopes, _strain_in_place
 from runout.backends.hash.grid_to_particles import _release_at
 from runout.backends.hash.groups import (
     BlockGroup,
+    ColumnGroup,
     Constants,
     ContactGroup,
     GridGroup,
+    GroundGroup,
     ParticleGroup,
     PoreGroup,
     SceneGroup,
@@ -41,6 +43,7 @@ from runout.backends.hash.layout import (
     AT_ONCE,
     BLOCKS,
     CELL_LANES,
+    DRAGS_COLUMN,
     FIRST,
     HALT,
     HALVES,
@@ -49,11 +52,15 @@ from runout.backends.hash.layout import (
     PARTICLE_LANES,
     PARTS,
     PITCH,
+    PUSHES,
+    PUSHES_UP,
+    SLOT,
     SUBSTEPS,
     TILE,
     VELOCITIES,
     WARP,
     WAYS,
+    Frictions,
     Ints,
     Materials,
     Tile,
@@ -63,18 +70,22 @@ from runout.backends.hash.layout import (
     node_at,
     put_node,
 )
+from runout.backends.hash.nodes import _close_scene, _slowed, _velocity_of_node
 from runout.backends.hash.particles_to_grid import _held_place, _sum_cell
 from runout.backends.hash.pore_pressure import _drained
 from runout.backends.hash.stencil import (
     _add_cell,
+    _cell_entry,
     _cell_of_lane,
     _first_node,
     _give_tile,
     _node,
+    _place_of_begun,
     _set_bases,
     _sum_arenas,
 )
-from runout.physics.tensors import real
+from runout.physics.contact import approach_speed
+from runout.physics.tensors import real, vec
 
 OF_MANY = 12 * PITCH  # numbers that are held of the particles whose impulses are held at once
 ALL_HALVES = PARTS * HALVES  # nodes of the tiles to which the threads add
@@ -89,6 +100,7 @@ arrive: Any = None  # waits for copies to shared memory, likewise
 meet: Any = None  # the lanes of a block wait for each other, likewise
 sum_lanes: Any = None  # sum over the lanes of a warp, likewise
 book: Any = None  # adds to a number that no other thread adds to, likewise
+note_largest: Any = None  # the largest of each 32 numbers, likewise
 
 
 def _open_substep(scenes: SceneGroup, s: int, turn: int):
@@ -275,3 +287,98 @@ def resume_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup, scene
         return
     if scenes.clock[blocks.member[b], 0] > real(0.0):
         put_node(grid.nodes, t, node_at(grid.nodes, t) + _sum_arenas(blocks, grid, grid.held, t))
+
+
+def _motion(grid: GridGroup, t: int, layer: int, turn: int, mass: Any):
+    """Velocity [m/s] of a node before substep number ``turn``, and its way [m] before that; the nodes of a layer are so many.
+
+    Those of a node without ``mass`` are not read: most nodes of a thin flow have none.
+    """
+    motion = node4()
+    way = node4()
+    if turn >= FIRST and mass > real(0.0):
+        motion = node_at(grid.nodes, t + VELOCITIES * layer)
+    if turn > FIRST and mass > real(0.0):
+        way = node_at(grid.nodes, t + WAYS * layer)
+    return motion, way
+
+
+def _begin_contacts(contacts: ContactGroup, slot: int, n: int, push: Any):
+    """Impulses [N s] from which the contacts on a node start in the next substep: those of this one, which changed by ``push``."""
+    place = _place_of_begun(contacts, slot) + n
+    begun = node_at(contacts.memory, place) + push
+    put_node(contacts.memory, place, begun)
+    contacts.shares[slot * SLOT + PUSHES + 2 * n] = real(0.0)
+    contacts.shares[slot * SLOT + PUSHES + 2 * n + 1] = real(0.0)
+    contacts.shares[slot * SLOT + PUSHES_UP + n] = real(0.0)
+    return begun
+
+
+def _begin_substep(
+    grid: GridGroup, contacts: ContactGroup, slot: int, t: int, layer: int, turn: int, substeps: int, moving: Any, push: Any,
+    way: Any,
+):  # fmt: skip
+    """Way of a node before its last velocity; if substeps are left, its momentum and impulses with which the next one begins.
+
+    ``moving`` are its mass, above zero, and new velocity.
+    """
+    if turn > 1 or substeps == 1:
+        put_node(grid.nodes, t + WAYS * layer, way)
+    if turn < substeps:
+        begun = node4()
+        if slot >= 0:
+            begun = _begin_contacts(contacts, slot, t & 63, push)
+        momentum = moving[0] * moving + begun
+        put_node(grid.nodes, t, node4(moving[0], momentum[1], momentum[2], momentum[3]))
+
+
+def _close_transfer(status: StatusGroup, scenes: SceneGroup, t: int):
+    """As ``_close_scene`` of ``nodes``; a scene with fewer substeps has waited."""
+    _close_scene(status, scenes, t)
+    if t < scenes.left.shape[0]:
+        scenes.clock[t, 0] = wp.abs(scenes.clock[t, 0])
+
+
+def end_substep(
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
+    constants: Constants, friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, turn: wp.vec3i,
+):  # fmt: skip
+    """As ``update_nodes`` of ``nodes`` in each substep of a transfer of several; what the next substep begins with, too.
+
+    ``turn``: number of the substep, most substeps of any scene, and whether drag on the columns of nodes slows. The last one closes
+    the transfer.
+    """
+    t = wp.tid()
+    b = t >> 6
+    layer = 64 * blocks.up.shape[0]
+    g = node_at(grid.nodes, t)  # loaded at once, before it is known whether there is anything to do
+    s = blocks.member[b]
+    slot = ground.grounded[b]
+    slopes = ground.slopes[b]
+    closes = turn[0] == turn[1]
+    if status.flags[HALT] != 0:
+        return
+    if closes:
+        _close_transfer(status, scenes, t)
+    if b >= status.tally[BLOCKS]:
+        return
+    if closes:
+        blocks.ends[_cell_entry(t)] = 0
+    dt = wp.abs(scenes.clock[s, 0])
+    motion, way = _motion(grid, t, layer, turn[0], g[0])
+    v = vec(motion[1], motion[2], motion[3])
+    if dt > real(0.0) and scenes.clock[s, SUBSTEPS] >= real(turn[0]):
+        dv = vec(real(0.0), real(0.0), real(0.0))
+        if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
+            if turn[2] != 0:
+                dv = _slowed(status, blocks, grid, contacts, scenes, constants, friction, columns, first_release, releases, t)
+        if g[0] > real(0.0):
+            v, push = _velocity_of_node(contacts, scenes, g, s, slot, t & 63)
+            if DRAGS_COLUMN:
+                v += dv
+            moving = node4(g[0], v[0], v[1], v[2])
+            put_node(grid.nodes, t + VELOCITIES * layer, moving)
+            substeps = int(scenes.clock[s, SUBSTEPS])
+            _begin_substep(grid, contacts, slot, t, layer, turn[0], substeps, moving, push, way + dt * motion)
+    if closes and dt > real(0.0):
+        note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
