@@ -14,7 +14,8 @@ A thread first owns a particle, then a part of a cell. Lists, weights and masses
 ground: their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since
 particles keep their weights: the sum of the impulses of the substep before. Contacts with structures are found anew, from records
 that have not changed. Where the scenes of a batch have different numbers of substeps, the time step of one that waits is negative
-in the clock.
+in the clock. A node without mass keeps velocity and way of an earlier transfer of its scene, which have weight zero; a sort clears
+them.
 """
 
 from __future__ import annotations
