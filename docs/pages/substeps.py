@@ -47,31 +47,36 @@ by a fifth. On a GPU ({card}, float32, layers of `runout bench`), nanoseconds a 
 {gpu}
 
 On this CPU a substep costs what a step costs, within the spread of the runs. On this GPU a substep of 0.1, 0.3 and 1 million
-particles costs 14, 7 and 4 % less than a step, one of 10 million 3 % more.
+particles costs 17, 12 and 8 % less than a step, one of 10 million as much.
 
 ## Kernels of a transfer on a GPU
 
 A layer of {million} million particles, each kernel of a transfer of one and of four substeps, sorts left out. Bytes are read
-from and written to the memory of the device. *Before*: commit {kernels[commit_before]}.
+from and written to the memory of the device. *Before*: commit {kernels[commit_before]}; one substep has the kernels of that.
 
 {by_kernel}
 
 A substep of four takes {of_four:.0f} µs ({before:.0f} before), a step {of_one:.0f} µs. The law in place (`strain_in_place`) takes
-5 % longer than both transfers of a step, though it moves half of their bytes. A third of the time of its warps was the start of a
-block, where each load waited for the one before: block, scene, nodes, list, records. Now the loads of a block start as soon as
-their places are known, and its records are copied to shared memory at once. Four warps share a block, so that a block of 0.1
-million particles, where each multiprocessor has three or four, takes less time. Warps issue in 56 % of the cycles (51 % before):
-128 registers of a thread let 16 warps share a multiprocessor. With 96 registers and a larger spill it takes 15 % longer. With two
-warps a block and 256 particles at once it takes as long for 5 million particles, and 40 % longer for 0.1 million (both measured
-while loads still waited for each other).
+4 % longer than both transfers of a step, though it moves half of their bytes: 128 registers of a thread let 16 warps share a
+multiprocessor, which issue in 56 % of the cycles. With 96 registers and a larger spill it takes 15 % longer. With two warps a block
+and 256 particles at once it takes as long for 5 million particles, and 40 % longer for 0.1 million. If only cells that hold
+particles get threads, and few such cells more of them each, it takes 7 % longer for both, and with eight warps a block 48 and 16 %.
+
+Between two substeps, `update_nodes` leaves the velocity of each node beside the momentum with which the next substep begins, and
+`strain_in_place` adds its impulses to that. Before, `resume_nodes` made momentum of velocity and impulses. Nodes without mass are
+not read: 200 MB a launch in place of 241. The last launch closes the transfer. Since this record, the kernel that does this is one
+of its own, `end_substep`, with as many registers and instructions.
 
 Rates of transfers of four substeps, sorts included, before and now:
 
 {rates}
 
-Runs of both commits took turns, seven each: medians, in brackets least and largest; the ratio is the median over the pairs. The
-scenes together have as many particles as the layer of 6.4M. In the runs under *now* the host sleeps while it waits for the GPU;
-in this version it loops, as in the runs under *before*.
+Runs of both commits took turns, five to eleven each: medians, in brackets least and largest; the ratio is the median over the
+pairs. The scenes together have as many particles as the layer of 6.4M.
+
+Without sorts, a transfer of 0.1 million particles takes 209 µs (225 before). Its 16 launches (20) take 45 µs of that (57) where
+they have nothing to do: a launch of 1,024 blocks of threads takes 3.1 µs with arguments of 2.7 kB, 1.8 µs with one array. A sort
+has 48 launches and takes 170 µs, every fourth transfer where the layer has become fast: a sixth of the time.
 
 ## Full table
 
@@ -176,16 +181,21 @@ def _gpu(records: Sequence[Mapping[str, Any]]) -> str:
 def _by_kernel(record: Mapping[str, Any]) -> str:
     """Launches, time and bytes of each kernel of a transfer of one and of four substeps."""
     one, four = ({r["kernel"]: r for r in record["records"][number]} for number in "14")
+    earlier = {r["kernel"]: r for r in record["before"]}
     rows = []
-    for name, r in four.items():
-        alone = one.get(name)
+    for name in [*four, *(gone for gone in earlier if gone not in four)]:
+        alone, now = one.get(name), four.get(name)
         single = (f"{alone['microseconds']:.0f}", _megabytes(alone)) if alone else ("", "")
-        before = f"{record['microseconds_before'][name]:.0f}"
-        rows.append(
-            (f"`{name}`", *single, f"{r['launches']:g}", before, f"{r['microseconds']:.0f}", _megabytes(r), f"{r['registers']:.0f}")
-        )
-    heads = ("kernel", "1 substep [µs]", "[MB]", "launches, 4 substeps", "before [µs]", "each [µs]", "[MB]", "registers")
+        found = (*_launched(now), _megabytes(now), f"{now['registers']:.0f}") if now else ("", "", "", "")
+        rows.append((f"`{name}`", *single, *(_launched(earlier[name]) if name in earlier else ("", "")), *found))
+    of_launches = ("launches before", "each [µs]", "launches, 4 substeps", "each [µs]")
+    heads = ("kernel", "1 substep [µs]", "[MB]", *of_launches, "[MB]", "registers")
     return markdown(heads, rows)
+
+
+def _launched(kernel: Mapping[str, float]) -> tuple[str, str]:
+    """Launches of a kernel in a transfer, and the time [µs] of each."""
+    return f"{kernel['launches']:g}", f"{kernel['microseconds']:.0f}"
 
 
 def _rates(rates: Sequence[Mapping[str, Any]]) -> str:
@@ -205,12 +215,10 @@ def _megabytes(kernel: Mapping[str, float]) -> str:
 
 def _of_substeps(record: Mapping[str, Any]) -> dict[str, float]:
     """Time [µs] of a substep: the only one of a transfer, and of four, also before."""
-    four, before = record["records"]["4"], record["microseconds_before"]
-    return {
-        "of_one": sum(r["launches"] * r["microseconds"] for r in record["records"]["1"]),
-        "of_four": sum(r["launches"] * r["microseconds"] for r in four) / 4,
-        "before": sum(r["launches"] * before[r["kernel"]] for r in four) / 4,
-    }
+    one, four, before = (
+        sum(r["launches"] * r["microseconds"] for r in rows) for rows in (*record["records"].values(), record["before"])
+    )
+    return {"of_one": one, "of_four": four / 4, "before": before / 4}
 
 
 def _figure(runs: Sequence[Mapping[str, Any]], coarse: Mapping[str, Sequence[float]], numbers: Sequence[int]) -> bytes:

@@ -152,7 +152,7 @@ def bytes_needed(
     rows = ROWS + 1 + SPARE * (particles < FEW)
     particle = (rows + 4) * number + 14 + 4 * substepped  # rows, radius, force; ...
     nodes = 64 * room_for(blocks)
-    grid = 4 * number * max(layers_of(substepped, deterministic) * nodes, particles // 4)
+    grid = 4 * number * max(layers_of(substepped) * nodes, particles // 4)
     block = 520 + 2 * number + 260 * substepped + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number * (1 + substepped) + tiles

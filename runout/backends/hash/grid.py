@@ -78,7 +78,7 @@ class NodeArrays:
         self.substepped = substepped
         self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
-        layers, self.nothing = layers_of(substepped, ordered), wp.zeros(0, dtype=wp.int32)
+        layers, self.nothing = layers_of(substepped), wp.zeros(0, dtype=wp.int32)
         self.grid = wp.zeros(max(layers * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
         self.arenas = wp.zeros(capacity * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(capacity * ordered, dtype=wp.int32)

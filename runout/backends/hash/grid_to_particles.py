@@ -30,7 +30,9 @@ from runout.backends.hash.layout import (
     SECTOR,
     SUBSTEPPED,
     UNSTABLE,
+    VELOCITIES,
     WARP,
+    WAYS,
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
@@ -234,7 +236,7 @@ def grid_to_particles(
         ahead = int(wp.min(first, last - 1) & NOT_NEGATIVE)
         meet()  # lanes still at the piece before
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
-        _load_wide(tile, grid.nodes, blocks.around, b, lane, 0)
+        _load_wide(tile, grid.nodes, blocks.around, b, lane, VELOCITIES)
         room = wp.tile_empty(shape=ROOM, dtype=real, storage="shared")
         stage(room, particles.rec, ahead, lane, CELL_LANES, 0)
         scene = blocks.member[b] & NOT_NEGATIVE
@@ -242,7 +244,7 @@ def grid_to_particles(
         slopes = _slopes(dt, constants.h)
         if SUBSTEPPED:
             ways = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
-            _load_wide(ways, grid.nodes, blocks.around, b, lane, 1)
+            _load_wide(ways, grid.nodes, blocks.around, b, lane, WAYS)
         rates = _rates(dt, constants.h)
         home = _home(blocks, scenes, b, scene)
         fastest, lost = real(0.0), wp.float64(0.0)

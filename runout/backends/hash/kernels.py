@@ -66,10 +66,10 @@ LANES = {  # of a block; other kernels have PARTICLE_LANES
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
     "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20), "sum_blocks": (PARTICLE_LANES, 6), "cut_tiles": (PARTICLE_LANES, 4),
-    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (PARTICLE_LANES, 4),
+    "sum_gone": (PARTICLE_LANES, 8), "strain_in_place": (PARTICLE_LANES, 4), "end_substep": (PARTICLE_LANES, 12),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
-DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes
+DRAG_BLOCKS = dict.fromkeys(("update_nodes", "end_substep"), (PARTICLE_LANES, 8))  # where drag slows columns of nodes
 STRUCTURE_BLOCKS = {"find_structure_contacts": (WARP, 16), "solve_contacts": (WARP, 20)}
 
 
@@ -115,9 +115,9 @@ KINDS = {
         (stencil, zones, contact_area, structure_surface, pore_pressure, contact_solution, contact_detection, structure_contact),
         STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,), structured=True,
     ),
-    "substeps.sums": _substeps("resume_nodes", "close_step"),
+    "substeps.sums": _substeps("resume_nodes"),
     "substeps.law": _substeps("grid_to_particles", "strain_in_place", fast=(CELL_LANES, PARTICLE_LANES)),
-    "substeps.friction": _substeps("solve_contacts", "update_nodes", fast=(WARP, PARTICLE_LANES)),
+    "substeps.friction": _substeps("solve_contacts", "end_substep", fast=(WARP, PARTICLE_LANES)),
     "substeps.structures": _substeps("find_structure_contacts", "solve_contacts", structured=True),
 }  # fmt: skip
 
@@ -195,10 +195,10 @@ def _kernels_of(
     names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
     names["Pores"] = names["Reals" if what.structured else "PoreGroup"]  # not read at structures: the group would pass 4 kilobytes
-    names |= {"COUNTED_AT_ONCE": not what.substepped, "LIMITS_START": area and not what.substepped}
+    names |= {"VELOCITIES": 2 * what.substepped, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision, wet) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
-    needed = {"measure_layers": wet, "slow_nodes": drags, "slow_columns": drags and ordered}
+    needed = {"measure_layers": wet, "slow_nodes": drags, "slow_columns": drags and ordered, "resume_nodes": ordered}
 
     def module_of(name: str) -> Any:
         wanted = what.wanted(name) and needed.get(name, True)

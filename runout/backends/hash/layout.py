@@ -65,8 +65,9 @@ STRUCTURED = False  # the surface of contact is that of structures, else the gro
 GIVES_MASS = True  # particles give mass and momentum to the nodes, else impulses alone; the binding decides
 WET = False  # a mass has pore pressure; the binding decides
 SUBSTEPPED = False  # further substeps of a transfer, and its end; the binding decides
-COUNTED_AT_ONCE = True  # the contrary: warp takes branches by constants, not by their negation
+VELOCITIES, WAYS = 0, 1  # layers of the nodes; the first is behind the ways where SUBSTEPPED is set, the binding decides
 LASTING, SUBSTEPS, CLOCK = 5, 6, 7  # of a row of the clock: length [s] of a transfer, and its substeps; numbers in all
+FIRST = 2  # the first of the further substeps
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
 BASES = 12  # of a tile: where its eight blocks begin in the grid, and its four columns of blocks in the plan
@@ -109,9 +110,9 @@ ALL_AT_WORK = 1500  # pieces from which on every multiprocessor of a large GPU h
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 
-def layers_of(substepped: bool, ordered: bool) -> int:
-    """Layers of numbers by node: nodes; with substeps, ways and, unless sums are ordered, forces."""
-    return 1 + (2 - ordered) * substepped
+def layers_of(substepped: bool) -> int:
+    """Layers of numbers by node: nodes; with substeps ways and velocities too."""
+    return 1 + 2 * substepped
 
 
 def run(kernel: Any, dim: int | tuple[int, int], *arguments: Any) -> None:

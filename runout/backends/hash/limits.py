@@ -42,7 +42,7 @@ def largest_blocks(
     of ``friction`` drags columns. ``substepped``: transfers may have several substeps.
     """
     columns = PLAN * mixed * bool(friction and friction.drags_column)
-    return LARGEST_INDEX // max(STARTS, NODES * layers_of(substepped, ordered), TILE * ordered, columns)
+    return LARGEST_INDEX // max(STARTS, NODES * layers_of(substepped), TILE * ordered, columns)
 
 
 def largest_in_contact() -> int:

@@ -20,7 +20,6 @@ from runout.backends.hash.groups import (
 )
 from runout.backends.hash.layout import (
     BLOCKS,
-    COUNTED_AT_ONCE,
     CURSOR,
     DRAGS_AT_ONCE,
     DRAGS_COLUMN,
@@ -30,7 +29,6 @@ from runout.backends.hash.layout import (
     PUSHES,
     PUSHES_UP,
     SLOT,
-    SUBSTEPPED,
     Frictions,
     Ints,
     node4,
@@ -92,32 +90,18 @@ def _close_scene(status: StatusGroup, scenes: SceneGroup, t: int):
             status.tally[NEXT] = 0
 
 
-def close_step(
-    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup
-):
-    """Nobody needs the lists of the cells any more in this step: their counts start from zero.
+def _velocity_of_node(contacts: ContactGroup, scenes: SceneGroup, g: Any, s: int, slot: int, n: int):
+    """Velocity [m/s] of a node with mass and momentum ``g`` after gravity and the impulses of the ground.
 
-    After several substeps the fastest nodes towards the ground are noted only here, since each substep searches as the first did.
+    And how much these impulses [N s] have changed since the start of the substep.
     """
-    t = wp.tid()
-    b = t >> 6
-    if status.flags[HALT] != 0:
-        return
-    _close_scene(status, scenes, t)
-    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
-        if t < scenes.left.shape[0]:
-            scenes.clock[t, 0] = wp.abs(scenes.clock[t, 0])  # a scene with fewer substeps has waited
-    if b >= status.tally[BLOCKS]:
-        return
-    blocks.ends[_cell_entry(t)] = 0
-    if SUBSTEPPED:
-        g = node_at(grid.nodes, t)
-        slopes = ground.slopes[b]
-        if scenes.clock[blocks.member[b], 0] != real(0.0):
-            v = vec(real(0.0), real(0.0), real(0.0))
-            if g[0] > real(0.0):
-                v = vec(g[1], g[2], g[3])
-            note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
+    push = node4()
+    v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
+    if slot >= 0:
+        in_plan = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * n)
+        push = node4(real(0.0), in_plan[0], in_plan[1], contacts.shares[slot * SLOT + PUSHES_UP + n])
+        v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
+    return v, push
 
 
 def update_nodes(
@@ -126,9 +110,8 @@ def update_nodes(
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
 
-    If ``slowing``, also after drag on the columns of nodes.
-
-    ``close_step`` does what is left to do where something behind this launch still needs the lists of the cells.
+    If ``slowing``, also after drag on the columns of nodes. Nobody needs the lists of the cells any more: their counts start from
+    zero.
     """
     t = wp.tid()
     b = t >> 6
@@ -138,27 +121,19 @@ def update_nodes(
     slopes = ground.slopes[b]
     if status.flags[HALT] != 0:
         return
-    if COUNTED_AT_ONCE:
-        _close_scene(status, scenes, t)
+    _close_scene(status, scenes, t)
     if b >= status.tally[BLOCKS]:
         return
-    if COUNTED_AT_ONCE:
-        blocks.ends[_cell_entry(t)] = 0
-    if SUBSTEPPED:  # noqa: SIM102 - a constant alone: warp compiles no branch
-        if scenes.clock[s, 0] <= real(0.0):
-            return
+    blocks.ends[_cell_entry(t)] = 0
     v = vec(real(0.0), real(0.0), real(0.0))
     dv = vec(real(0.0), real(0.0), real(0.0))
     if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
         if slowing != 0:
             dv = _slowed(status, blocks, grid, contacts, scenes, constants, friction, columns, first_release, releases, t)
     if g[0] > real(0.0):
-        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
-        if slot >= 0:
-            push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * (t & 63))
-            v = node_velocity(vec(push[0], push[1], contacts.shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
+        v, _push = _velocity_of_node(contacts, scenes, g, s, slot, t & 63)
         if DRAGS_COLUMN:
             v += dv
         put_node(grid.nodes, t, node4(g[0], v[0], v[1], v[2]))
-    if COUNTED_AT_ONCE and scenes.clock[s, 0] > real(0.0):
+    if scenes.clock[s, 0] > real(0.0):
         note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))

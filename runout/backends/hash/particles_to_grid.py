@@ -175,7 +175,7 @@ def particles_to_grid(
                 c = _cell_of_lane(q)
                 acc = _sum_cell(particles.rec, particles.order, blocks.cstart[b, c], blocks.cstart[b, c + 1], 1)
                 _add_cell(tile, c, 0, acc)
-            _give_tile(tile, 1, grid.arenas, grid.nodes, bases, b, lane, 0)
+            _give_tile(tile, 1, grid.arenas, grid.nodes, bases, b, lane)
             if DRAGS_AT_ONCE:
                 _give_moving(columns, tile, bases, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

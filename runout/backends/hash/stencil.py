@@ -127,10 +127,10 @@ def _of_halves(halves: Tile, t: int, behind: int):
     return g
 
 
-def _give_tile(halves: Tile, parts: int, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int, behind: int):
-    """Sums at the nodes of the tiles of both halves to numbers of the grid, which lie ``behind`` the nodes by so many places.
+def _give_tile(halves: Tile, parts: int, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int):
+    """Sums at the nodes of the tiles of both halves to the nodes of the grid; in fixed order, only to the arena of the block.
 
-    There are two ``parts`` of such tiles, or one. In fixed order, only to the arena of the block.
+    There are two ``parts`` of such tiles, or one.
     """
     meet()
     for t in range(lane, TILE, lane_count()):
@@ -140,7 +140,7 @@ def _give_tile(halves: Tile, parts: int, arenas: Nodes, nodes: Nodes, bases: Til
         if ORDERED:
             arenas[b * TILE + t] = g
         elif g[0] != real(0.0) or g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
-            add_node(nodes, _node(bases, t) + behind, g)
+            add_node(nodes, _node(bases, t), g)
 
 
 def _arms(f: Any):

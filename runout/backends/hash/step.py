@@ -13,26 +13,24 @@ from __future__ import annotations
 
 from typing import Any
 
+import warp as wp
+
 from runout.backends.hash.contact_area import COLUMNS, PLAN
-from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP, run, run_blocks, run_each
+from runout.backends.hash.layout import CELL_LANES, FIRST, PARTICLE_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.pore_pressure import COLUMNS as LAYERS
-from runout.backends.hash.substeps import FIRST
 
 
 def enqueue(parts: Parts, substeps: int = 1) -> None:
     """Launches of a transfer of at most so many ``substeps``."""
     particles_to_grid(parts)
     measure_layers(parts)
-    later = parts.k.later if substeps > 1 else parts.k
     find_contacts(parts)
-    move_nodes(parts, parts.k, later)
+    move_nodes(parts, 1, substeps)
     for turn in range(FIRST, substeps + 1):
         strain_in_place(parts, turn)
-        move_nodes(parts, later, later)
-    if substeps > 1:
-        close_step(parts, later)
-    grid_to_particles(parts, later)
+        move_nodes(parts, turn, substeps)
+    grid_to_particles(parts, parts.k.later if substeps > 1 else parts.k)
     parts.scenes.unknown.let_escape(parts)
     list_cells(parts)
 
@@ -58,23 +56,17 @@ def measure_layers(parts: Parts) -> None:
 
 
 def strain_in_place(parts: Parts, turn: int) -> None:
-    """Law of the particles and momentum of the nodes in substep number ``turn``; without impulses of the ground."""
+    """Law of the particles in substep number ``turn``, and momentum of the nodes."""
     i, k, n, scenes, status = parts.index, parts.k.later, parts.nodes, parts.scenes, parts.status.group
     beside = parts.structures.grounded if parts.structures else n.nothing
     groups = parts.store.group, i.block_group, n.grid_group, n.contact_group, scenes.group
     more = scenes.constants, scenes.materials, n.pore_group, beside, turn, i.launched
     run_each(k.strain_in_place, i.launched + 1, PARTICLE_LANES, status, *groups, *more)
-    arrays = status, i.block_group, n.grid_group, n.ground_group, n.contact_group
-    run(k.resume_nodes, i.capacity * 64, *arrays, scenes.group, turn)
+    arrays = status, i.block_group, n.grid_group
+    if parts.ordered:
+        run(k.resume_nodes, i.capacity * 64, *arrays, scenes.group)
     if parts.ground is not None and parts.drags_column:
-        run(k.sum_columns, i.capacity * COLUMNS, *arrays, n.column_group)
-
-
-def close_step(parts: Parts, k: Any) -> None:
-    """The cells are counted anew from here on."""
-    i, n = parts.index, parts.nodes
-    groups = i.block_group, n.grid_group, n.ground_group, n.contact_group
-    run(k.close_step, i.capacity * 64, parts.status.group, *groups, parts.scenes.group)
+        run(k.sum_columns, i.capacity * COLUMNS, *arrays, n.ground_group, n.contact_group, n.column_group)
 
 
 def find_contacts(parts: Parts) -> None:
@@ -90,9 +82,9 @@ def find_contacts(parts: Parts) -> None:
         run(k.sum_columns, i.capacity * COLUMNS, *groups, n.column_group)
 
 
-def move_nodes(parts: Parts, k: Any = None, last: Any = None) -> None:
-    """Velocities of the nodes, after the impulses of the ground, by the kernels ``k``; those of the ``last`` launch may differ."""
-    i, n, k = parts.index, parts.nodes, k or parts.k
+def move_nodes(parts: Parts, turn: int = 1, substeps: int = 1) -> None:
+    """Velocities of the nodes after the impulses of the ground, in substep ``turn`` of a transfer of so many ``substeps``."""
+    i, n, k = parts.index, parts.nodes, parts.k.later if turn > 1 else parts.k
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
@@ -102,7 +94,11 @@ def move_nodes(parts: Parts, k: Any = None, last: Any = None) -> None:
         if parts.ordered and parts.drags_column:
             run_each(k.slow_columns, i.capacity, WARP, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     slowing = not touch_structures(parts, k) and parts.ground is not None
-    run((last or k).update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), int(slowing))
+    given = status, blocks, *groups, *drag_of(parts)
+    if substeps > 1:
+        run(parts.k.later.end_substep, i.capacity * 64, *given, wp.vec3i(turn, substeps, int(slowing)))
+    else:
+        run(parts.k.update_nodes, i.capacity * 64, *given, int(slowing))
 
 
 def weigh_releases(parts: Parts) -> None:

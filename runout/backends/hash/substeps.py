@@ -1,20 +1,21 @@
 """Further substeps of a transfer: particles strain in place, and their stress pushes the nodes (:mod:`runout.physics.substeps`).
 
-    grid.nodes   | velocity of each node | its way since the start of the transfer | impulses of the new stress |     three layers
-                 in fixed order the impulses lie in the arenas
+    grid.nodes   | mass and momentum of each node | its way since the start of the transfer | its velocity |     three layers
     record       strain, history: replaced; of particles in contact way and velocity in the place of the affine matrix
     held         (shared memory) record of up to MANY particles of a block; then offset and columns of the impulse in its place
 
      numbers of a particle    0 | 1-3 offset | 4-9 strain | 10 history | 11 volume
                               0, 4-11 columns of the impulse | 1-3 offset
 
-    --strain_in_place--> impulses --resume_nodes--> mass and momentum --contact, as in the first substep--> velocity
+    velocity --strain_in_place--> impulses of the new stress, added to the momentum --contact, as in the first substep--> momentum
+             --end_substep--> velocity, way, and momentum with the impulses from which contacts start in the next substep
 
 A thread first owns a particle, then a part of a cell. Lists, weights and masses of the nodes stay, and so do the contacts with the
 ground: their list, the sums of their weights and their areas. The nodes hold the impulses from which these contacts start, since
 particles keep their weights: the sum of the impulses of the substep before. Contacts with structures are found anew, from records
 that have not changed. Where the scenes of a batch have different numbers of substeps, the time step of one that waits is negative
-in the clock.
+in the clock. A node without mass keeps velocity and way of an earlier transfer of its scene, which have weight zero; a sort clears
+them.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from runout.backends.hash.deform import _slopes, _strain_in_place
 from runout.backends.hash.grid_to_particles import _release_at
 from runout.backends.hash.groups import (
     BlockGroup,
+    ColumnGroup,
     Constants,
     ContactGroup,
     GridGroup,
@@ -42,11 +44,12 @@ from runout.backends.hash.layout import (
     AT_ONCE,
     BLOCKS,
     CELL_LANES,
+    DRAGS_COLUMN,
+    FIRST,
     HALT,
     HALVES,
     MANY,
     NOT_NEGATIVE,
-    ORDERED,
     PARTICLE_LANES,
     PARTS,
     PITCH,
@@ -55,7 +58,10 @@ from runout.backends.hash.layout import (
     SLOT,
     SUBSTEPS,
     TILE,
+    VELOCITIES,
     WARP,
+    WAYS,
+    Frictions,
     Ints,
     Materials,
     Tile,
@@ -65,10 +71,12 @@ from runout.backends.hash.layout import (
     node_at,
     put_node,
 )
+from runout.backends.hash.nodes import _close_scene, _slowed, _velocity_of_node
 from runout.backends.hash.particles_to_grid import _held_place, _sum_cell
 from runout.backends.hash.pore_pressure import _drained
 from runout.backends.hash.stencil import (
     _add_cell,
+    _cell_entry,
     _cell_of_lane,
     _first_node,
     _give_tile,
@@ -77,23 +85,23 @@ from runout.backends.hash.stencil import (
     _set_bases,
     _sum_arenas,
 )
-from runout.physics.tensors import real
+from runout.physics.contact import approach_speed
+from runout.physics.tensors import real, vec
 
 OF_MANY = 12 * PITCH  # numbers that are held of the particles whose impulses are held at once
 ALL_HALVES = PARTS * HALVES  # nodes of the tiles to which the threads add
 WARPS = PARTICLE_LANES // WARP  # of a block of threads
-FIRST = 2  # the first of the further substeps
 
 put_in: Any = None  # puts a number in its place in a tile; the binding puts it in its place
 stage: Any = None  # begins to copy what is needed of a record to shared memory, likewise
 stage_node: Any = None  # begins to copy a node to a tile, likewise
 loaded_here: Any = None  # a number whose load starts here, likewise
 come: Any = None  # a lane waits for its own copies, likewise
-pair_at: Any = None  # two numbers that lie beside each other, by one load; likewise
 arrive: Any = None  # waits for copies to shared memory, likewise
 meet: Any = None  # the lanes of a block wait for each other, likewise
 sum_lanes: Any = None  # sum over the lanes of a warp, likewise
 book: Any = None  # adds to a number that no other thread adds to, likewise
+note_largest: Any = None  # the largest of each 32 numbers, likewise
 
 
 def _open_substep(scenes: SceneGroup, s: int, turn: int):
@@ -102,6 +110,8 @@ def _open_substep(scenes: SceneGroup, s: int, turn: int):
         dt = real(scenes.steps[s])
         if scenes.clock[s, SUBSTEPS] < real(turn):
             dt = -dt
+        else:
+            scenes.step_counts[s] = scenes.step_counts[s] + 1
         scenes.clock[s, 0] = dt
 
 
@@ -110,9 +120,9 @@ def _load_motion(velocities: Tile, ways: Tile, grid: GridGroup, blocks: BlockGro
     layer = 64 * blocks.up.shape[0]
     for t in range(lane, TILE, lane_count()):
         node = _node(bases, t)
-        stage_node(velocities, t, grid.nodes, node)
+        stage_node(velocities, t, grid.nodes, node + VELOCITIES * layer)
         if turn > FIRST:
-            stage_node(ways, t, grid.nodes, node + layer)
+            stage_node(ways, t, grid.nodes, node + WAYS * layer)
     arrive()
 
 
@@ -213,7 +223,7 @@ def strain_in_place(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, contacts: ContactGroup, scenes: SceneGroup,
     constants: Constants, mats: Materials, pores: PoreGroup, beside: Ints, turn: int, launched: int,
 ):  # fmt: skip
-    """Law of the particles in substep number ``turn``, and the impulses of their new stress on the nodes.
+    """Law of the particles in substep number ``turn``, and the impulses of their new stress to the momentum of the nodes.
 
     In fixed order, each block only fills its own arena. ``beside`` are the slots of blocks that structures reach, -1 for others;
     empty without structures. One more block of threads than ``launched`` opens the substep meanwhile.
@@ -264,63 +274,112 @@ def strain_in_place(
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:
                 put_in(losses, lane // WARP, all_lost)
-            _give_tile(halves, PARTS, grid.arenas, grid.nodes, bases, b, lane, 2 * 64 * blocks.up.shape[0])
+            _give_tile(halves, PARTS, grid.arenas, grid.nodes, bases, b, lane)
             if lane == 0:
                 book(grid.booked, b, 0, losses[0] + losses[1] + losses[2] + losses[3])
         b = int(blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)])
 
 
-def _begun(contacts: ContactGroup, slot: int, n: int):
-    """Impulses [N s] of all contacts on a node in the substep before, from which they start in this one."""
-    push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * n)
-    up = contacts.shares[slot * SLOT + PUSHES_UP + n]
-    return node_at(contacts.memory, _place_of_begun(contacts, slot) + n) + node4(real(0.0), push[0], push[1], up)
+def resume_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup):
+    """Impulses of the new stress to the momentum of the nodes, in fixed order."""
+    t = wp.tid()
+    b = t >> 6
+    if status.flags[HALT] != 0 or b >= status.tally[BLOCKS]:
+        return
+    if scenes.clock[blocks.member[b], 0] > real(0.0):
+        put_node(grid.nodes, t, node_at(grid.nodes, t) + _sum_arenas(blocks, grid, grid.held, t))
+
+
+def _motion(grid: GridGroup, t: int, layer: int, turn: int, mass: Any):
+    """Velocity [m/s] of a node before substep number ``turn``, and its way [m] before that; the nodes of a layer are so many.
+
+    Those of a node without ``mass`` are not read: most nodes of a thin flow have none.
+    """
+    motion = node4()
+    way = node4()
+    if turn >= FIRST and mass > real(0.0):
+        motion = node_at(grid.nodes, t + VELOCITIES * layer)
+    if turn > FIRST and mass > real(0.0):
+        way = node_at(grid.nodes, t + WAYS * layer)
+    return motion, way
 
 
 def _begin_contacts(contacts: ContactGroup, slot: int, n: int, push: Any):
-    """Let the contacts on a node start from these impulses [N s]."""
-    put_node(contacts.memory, _place_of_begun(contacts, slot) + n, push)
+    """Impulses [N s] from which the contacts on a node start in the next substep: those of this one, which changed by ``push``."""
+    place = _place_of_begun(contacts, slot) + n
+    begun = node_at(contacts.memory, place) + push
+    put_node(contacts.memory, place, begun)
     contacts.shares[slot * SLOT + PUSHES + 2 * n] = real(0.0)
     contacts.shares[slot * SLOT + PUSHES + 2 * n + 1] = real(0.0)
     contacts.shares[slot * SLOT + PUSHES_UP + n] = real(0.0)
+    return begun
 
 
-def resume_nodes(
-    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
-    turn: int,
+def _begin_substep(
+    grid: GridGroup, contacts: ContactGroup, slot: int, t: int, layer: int, turn: int, substeps: int, moving: Any, push: Any,
+    way: Any,
 ):  # fmt: skip
-    """Momentum of the nodes with the impulses of the new stress and of the contacts, and their way so far, in substep ``turn``."""
+    """Way of a node before its last velocity; if substeps are left, its momentum and impulses with which the next one begins.
+
+    ``moving`` are its mass, above zero, and new velocity.
+    """
+    if turn > 1 or substeps == 1:
+        put_node(grid.nodes, t + WAYS * layer, way)
+    if turn < substeps:
+        begun = node4()
+        if slot >= 0:
+            begun = _begin_contacts(contacts, slot, t & 63, push)
+        momentum = moving[0] * moving + begun
+        put_node(grid.nodes, t, node4(moving[0], momentum[1], momentum[2], momentum[3]))
+
+
+def _close_transfer(status: StatusGroup, scenes: SceneGroup, t: int):
+    """As ``_close_scene`` of ``nodes``; a scene with fewer substeps has waited."""
+    _close_scene(status, scenes, t)
+    if t < scenes.left.shape[0]:
+        scenes.clock[t, 0] = wp.abs(scenes.clock[t, 0])
+
+
+def end_substep(
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
+    constants: Constants, friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, turn: wp.vec3i,
+):  # fmt: skip
+    """As ``update_nodes`` of ``nodes`` in each substep of a transfer of several; what the next substep begins with, too.
+
+    ``turn``: number of the substep, most substeps of any scene, and whether drag on the columns of nodes slows. The last one closes
+    the transfer.
+    """
     t = wp.tid()
     b = t >> 6
     layer = 64 * blocks.up.shape[0]
-    g = node_at(grid.nodes, t)  # all is loaded at once, before it is known whether there is anything to do
-    push = node4()
-    if not ORDERED:
-        push = node_at(grid.nodes, t + 2 * layer)
-    way = node4()
-    if turn > FIRST:
-        way = node_at(grid.nodes, t + layer)
-    slot = ground.grounded[b]
+    g = node_at(grid.nodes, t)  # loaded at once, before it is known whether there is anything to do
     s = blocks.member[b]
+    slot = ground.grounded[b]
+    slopes = ground.slopes[b]
+    closes = turn[0] == turn[1]
     if status.flags[HALT] != 0:
         return
-    if t < scenes.left.shape[0] and scenes.clock[t, 0] > real(0.0):
-        scenes.step_counts[t] = scenes.step_counts[t] + 1
+    if closes:
+        _close_transfer(status, scenes, t)
     if b >= status.tally[BLOCKS]:
         return
-    if g[0] > real(0.0):
-        begun = node4()
-        if slot >= 0:
-            begun = _begun(contacts, slot, t & 63)
-        dt = scenes.clock[s, 0]
-        if dt > real(0.0):
-            way += dt * g
-            if ORDERED:
-                push = _sum_arenas(blocks, grid, grid.held, t)
-            else:
-                put_node(grid.nodes, t + 2 * layer, node4())
-            if slot >= 0:
-                push += begun
-                _begin_contacts(contacts, slot, t & 63, begun)
-            put_node(grid.nodes, t, node4(g[0], g[0] * g[1] + push[1], g[0] * g[2] + push[2], g[0] * g[3] + push[3]))
-        put_node(grid.nodes, t + layer, way)
+    if closes:
+        blocks.ends[_cell_entry(t)] = 0
+    dt = wp.abs(scenes.clock[s, 0])
+    motion, way = _motion(grid, t, layer, turn[0], g[0])
+    v = vec(motion[1], motion[2], motion[3])
+    if dt > real(0.0) and scenes.clock[s, SUBSTEPS] >= real(turn[0]):
+        dv = vec(real(0.0), real(0.0), real(0.0))
+        if DRAGS_COLUMN:  # noqa: SIM102 - a constant alone: warp compiles no branch
+            if turn[2] != 0:
+                dv = _slowed(status, blocks, grid, contacts, scenes, constants, friction, columns, first_release, releases, t)
+        if g[0] > real(0.0):
+            v, push = _velocity_of_node(contacts, scenes, g, s, slot, t & 63)
+            if DRAGS_COLUMN:
+                v += dv
+            moving = node4(g[0], v[0], v[1], v[2])
+            put_node(grid.nodes, t + VELOCITIES * layer, moving)
+            substeps = int(scenes.clock[s, SUBSTEPS])
+            _begin_substep(grid, contacts, slot, t, layer, turn[0], substeps, moving, push, way + dt * motion)
+    if closes and dt > real(0.0):
+        note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))

@@ -27,13 +27,15 @@ def domain_of(scene: Scene, corner: np.ndarray) -> Domain:
 def blocks_at_edge(domain: Domain, bxyz: np.ndarray) -> np.ndarray:
     """Whether particles of blocks (n, 3) may leave the domain before the index is rebuilt."""
     first, limits = 4 * bxyz[:, :2], domain.limits
-    beside = (first - BEFORE < limits[:4:2]) | (first + BEHIND > limits[1:4:2])
+    beside = ((first - BEFORE < limits[:4:2]) | (first + BEHIND > limits[1:4:2])).T
+    if not domain.sums[-1, -1]:
+        return beside[0] | beside[1]  # type: ignore[no-any-return]
     low, high = (
         np.clip(np.floor((first + by - limits[:4:2]) / limits[4:]).astype(np.int64), 0, np.array(domain.unknown.shape))
         for by in (-BEFORE, BEHIND + limits[4:])
     )
     (i, j), (k, m), s = low.T, high.T, domain.sums
-    return beside[:, 0] | beside[:, 1] | (s[k, m] - s[i, m] - s[k, j] + s[i, j] > 0)  # type: ignore[no-any-return]
+    return beside[0] | beside[1] | (s[k, m] - s[i, m] - s[k, j] + s[i, j] > 0)  # type: ignore[no-any-return]
 
 
 def _lies_in_domain(bxyz, b, c, rec, slot, domain):

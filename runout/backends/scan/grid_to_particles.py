@@ -27,7 +27,7 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.column_drag import _add_changes
 from runout.backends.scan.domain import _lies_in_domain
-from runout.backends.scan.pore_pressure import _drain_tile
+from runout.backends.scan.pore_pressure import _drain_tile, _expect_numbers
 from runout.backends.scan.stencil import (
     AHEAD,
     EVERY,
@@ -52,6 +52,7 @@ from runout.backends.scan.tile import (
     LOST,
     MOVE,
     REFUSED,
+    RELEASES,
     SPEED,
     SUMS,
     TILE,
@@ -180,7 +181,7 @@ def _follow_tile(t, particle_index, label, first, count, mats, s, cells):
         alive = p < count
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
-            mat = mats[label[particle_index[first + p], 0]]
+            mat = mats[np.int64(t[RELEASES, p])] if WET else mats[label[particle_index[first + p], 0]]
         if WET:
             B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat, t[EFFECTIVE, p])
         else:
@@ -263,7 +264,7 @@ def _note_moves(t, particles, blocks, b, p, g, at_rim, domain, last, counts):
     return leaving, shifted, changed
 
 
-def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2):
+def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2, pores):
     """Copy the particles of a block into a buffer, sorted by cell; the records hold velocities and first moments there."""
     rec, state, order = particles.rec, particles.state, particles.order
     particle_index, cell = particles.particle_index, particles.cell
@@ -281,6 +282,8 @@ def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2):
         store(state2, t * np.uint64(8), load8(state, p * np.uint64(8)))
         labels[t] = particle_index[p]
         cell2[t] = c
+        if WET:
+            _expect_numbers(pores, particle_index[p])
         order[f + t] = f + t
     for t in range(np.uint64(held)):
         particle_index[f + t] = labels[t]
@@ -378,7 +381,7 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
             f = blocks.first[b]
             _expect_list(particles.order, particle_index, blocks, b)
             if alone:
-                _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
+                _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell, step.pores)
             _expect_next(rec, state, particles.order, blocks, b, nodes)
             speed = move = lost = refused = zeros(rec)
             counts = np.int64(0), np.int64(0), np.int64(0)

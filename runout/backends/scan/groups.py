@@ -190,7 +190,7 @@ class Contacts(NamedTuple):
         Cell and offset; what the grid gives; impulse that the nodes hold, and ground area. As many rows for each thread.
     measured : (rows / 16, 8, 16) real
         Normal, gap, friction (its number or the row of its record) and velocity, in tiles of 16 rows.
-    drained : (rows / 16, 5, 16) real
+    drained : (rows / 16, 4, 16) real
         What the excess pressure follows from (:mod:`runout.backends.scan.pore_pressure`), in such tiles; empty in a dry scene.
     shares : (places, SHARES) real
         Weights of the contacts of an owner at the nodes that they reach; the last one stays empty.

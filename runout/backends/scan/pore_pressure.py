@@ -8,7 +8,7 @@
                                  one where no mass drains by the thickness of its layer: it is the same for all
     pores.left, pores.excess     by particle, which never moves: the part that remains; the excess at the start, one number if alike
     pores.present                by slot, between the substeps of a transfer: what remains, excess and release where these differ
-    contacts.drained             by contact, likewise: a contact keeps its particle during a transfer
+    contacts.drained             by contact, likewise: a contact keeps its particle and its column of cells during a transfer
       --fading-->
     share of the normal stress that grains carry, in the middle of a step: in contacts, and in the row EFFECTIVE of a tile
 
@@ -23,20 +23,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import load4, load16, local_array, looked_up, prefetch, select, store
+from runout.backends.lanes import listed_numbers, load4, load16, local_array, looked_up, prefetch, select, store
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.node_columns import block_columns
 from runout.backends.scan.particles_to_grid import PLAN, heads
 from runout.backends.scan.stencil import ones, zeros
-from runout.backends.scan.tile import EFFECTIVE, TILE
+from runout.backends.scan.tile import EFFECTIVE, LEFTS, RELEASES, TILE
 from runout.model.scene import Scene
 from runout.physics.heightfield import normal_z, surface_at
 from runout.physics.pore_pressure import drainage_rate, effective_share, layer_thickness, remaining_share, share_left
 from runout.physics.tensors import real
 
 LASTS = False  # whether the transfer goes on after this substep; the binding decides
-LEFT, SHARE, EXCESS, STAYS, CLOSES = 0, 1, 2, 3, 4  # rows of what is noted of contacts
-LEFTS, EXCESSES, RELEASES, SHARES, REST, CLOSURES = (EFFECTIVE + k for k in range(1, 7))  # rows of a tile, where WET is set
+LEFT, SHARE, EXCESS, RELEASE = 0, 1, 2, 3  # rows of what is noted of contacts
 SLOTS_AHEAD = 128  # slots from the one that is read to the one that is prefetched
 local_numbers = local_array((64,))
 
@@ -50,8 +49,8 @@ class Pores(NamedTuple):
     fading: np.ndarray  # (columns, releases, 16): share of the excess that is left after half a step [1], by block column
     of_block: np.ndarray  # as of :class:`Layers`
     alike: bool  # whether all particles of a release drain alike
-    # (numbers, slots): within a transfer of several substeps, by slot: what remains, excess and release, the last of these that
-    # differ where particles of a release drain alike, else the first
+    # (numbers, slots): within a transfer of several substeps, by slot: those of what remains, excess and release in which particles
+    # differ; what remains only where particles of a release do not drain alike
     present: np.ndarray
     begins: bool  # whether the substep is the first of its transfer
 
@@ -204,16 +203,6 @@ def thin_layers(blocks, reached, grid, layers, records, constants, dt):
             _fade_column(blocks, layers, records, constants, b, np.int64(k), dt)
 
 
-def _is_one(pores):
-    """Whether all particles have the same pressure."""
-    return pores.alike and len(pores.excess) == 1 and len(pores.records) == 1
-
-
-def _effective_of_all(pores):
-    """Share of the normal stress that grains carry in the middle of the step, where all particles have the same pressure."""
-    return effective_share(pores.excess[0], pores.fading[0, 0, 0] * pores.left[0], pores.records[0])
-
-
 def _fading_of(pores, b):
     """Row of ``pores.fading`` for the particles of block ``b``."""
     return np.int64(pores.of_block[b]) if len(pores.fading) > 1 else np.int64(0)
@@ -222,157 +211,134 @@ def _fading_of(pores, b):
 def _note_pores(drained, particles, pores, b, f, row, n):
     """As a transfer begins, note what the ``n`` contacts of a block, listed from place ``f`` on, have of the excess.
 
-    Their rows begin with ``row``. Nothing where all particles have the same pressure.
+    Their rows begin with ``row``. Numbers that all particles share, or all of a release, are not noted.
     """
-    if not pores.begins or _is_one(pores):
-        return
     listed, particle_index, cell, fading = particles.listed, particles.particle_index, particles.cell, pores.fading
+    several, uneven = len(pores.records) > 1, len(pores.excess) > 1
+    if not pores.begins or not (several or uneven or not pores.alike):
+        return
     place = np.uint64(_fading_of(pores, b))
     for q in range(np.uint64(n)):
         p = np.uint64(listed[np.uint64(f) + q])
         w = np.uint64(particle_index[p])
-        r = np.uint64(particles.label[w, 0]) if len(pores.records) > 1 else np.uint64(0)
+        r = np.uint64(particles.label[w, 0]) if several else np.uint64(0)
         g = (np.uint64(row) + q) >> np.uint64(4)
         k = (np.uint64(row) + q) & np.uint64(15)
-        drained[g, LEFT, k] = pores.left[r if pores.alike else w]
-        drained[g, SHARE, k] = fading[place, r, (np.uint64(cell[p]) & np.uint64(63)) >> np.uint64(2)]
-        drained[g, EXCESS, k] = pores.excess[w if len(pores.excess) > 1 else np.uint64(0)]
-        drained[g, STAYS, k] = pores.records[r].equilibrium
-        drained[g, CLOSES, k] = pores.records[r].closure
+        if not pores.alike:
+            drained[g, LEFT, k] = pores.left[w]
+            drained[g, SHARE, k] = fading[place, r, (np.uint64(cell[p]) & np.uint64(63)) >> np.uint64(2)]
+        if uneven:
+            drained[g, EXCESS, k] = pores.excess[w]
+        if several:
+            drained[g, RELEASE, k] = real(r)
+
+
+def _drained(left, excess, share, release, pores):
+    """Share of the normal stress that the grains of 16 particles carry in the middle of the step, and what remains at its end.
+
+    ``left`` and ``share``, of what remains in half a step, are those of their releases where these drain alike; ``excess`` is that
+    of all where they have the same.
+    """
+    records, fading = pores.records, pores.fading
+    nothing = zeros(fading)
+    stays, closes = nothing + records[0].equilibrium, nothing + records[0].closure
+    if pores.alike:
+        left, share = nothing + pores.left[0], nothing + fading[0, 0, 0]
+    if len(pores.excess) == 1:
+        excess = nothing + pores.excess[0]
+    for r in range(1, len(records)):
+        own = release > nothing + (real(r) - real(0.5))
+        stays = select(own, nothing + records[r].equilibrium, stays)
+        closes = select(own, nothing + records[r].closure, closes)
+        if pores.alike:
+            left = select(own, nothing + pores.left[r], left)
+            share = select(own, nothing + fading[0, r, 0], share)
+    half = share * left
+    return effective_share(excess, half, Numbers(stays, closes)), share * half
 
 
 def _share_of_contacts(effective, drained, pores, g):
     """Fill the share of the normal stress that the grains of 16 contacts carry, and advance what remains of their excess."""
-    if _is_one(pores):
-        for q in range(np.uint64(16)):
-            effective[q] = _effective_of_all(pores)
-    else:
-        for q in range(np.uint64(16)):
-            share = drained[g, SHARE, q]
-            half = share * drained[g, LEFT, q]
-            effective[q] = effective_share(drained[g, EXCESS, q], half, Numbers(drained[g, STAYS, q], drained[g, CLOSES, q]))
-            drained[g, LEFT, q] = share * half
-
-
-def _fill_alike(t, particles, pores, first, count):
-    """Fill the row EFFECTIVE of a tile of particles of one release that drain alike."""
-    if len(pores.excess) == 1:
-        effective = _effective_of_all(pores)
-        for p in range(np.uint64(TILE)):
-            t[EFFECTIVE, p] = effective
-    else:
-        half, pore = pores.fading[0, 0, 0] * pores.left[0], Numbers(pores.records[0].equilibrium, pores.records[0].closure)
-        for p in range(count):
-            w = np.uint64(particles.particle_index[first + p])
-            t[EFFECTIVE, p] = effective_share(pores.excess[w], half, pore)
-
-
-def _take_numbers(t, particles, pores, first, count):
-    """Fill the rows of the numbers of a tile of particles, from those by particle."""
-    particle_index = particles.particle_index
+    nothing, place = zeros(effective), 64 * np.int64(g)
+    left = share = excess = release = nothing
     if not pores.alike:
-        for p in range(count):
-            t[LEFTS, p] = pores.left[np.uint64(particle_index[first + p])]
+        left, share = load16(drained, place + 16 * LEFT), load16(drained, place + 16 * SHARE)
     if len(pores.excess) > 1:
-        for p in range(count):
-            t[EXCESSES, p] = pores.excess[np.uint64(particle_index[first + p])]
+        excess = load16(drained, place + 16 * EXCESS)
     if len(pores.records) > 1:
-        for p in range(count):
-            t[RELEASES, p] = real(particles.label[np.uint64(particle_index[first + p]), 0])
+        release = load16(drained, place + 16 * RELEASE)
+    carried, remains = _drained(left, excess, share, release, pores)
+    store(effective, 0, carried)
+    if not pores.alike:
+        store(drained, place + 16 * LEFT, remains)
 
 
-def _row_of_first(pores):
-    """Row of a tile that the first of the numbers by slot belongs to."""
-    return LEFTS + 3 - len(pores.present) if pores.alike else LEFTS
+def _expect_numbers(pores, w):
+    """Prefetch what particle ``w`` has of the excess, as far as particles differ."""
+    if not pores.alike:
+        prefetch(pores.left, w)
+    if len(pores.excess) > 1:
+        prefetch(pores.excess, w)
 
 
-def _fetch_numbers(t, pores, first, groups):
-    """The same from those by slot, in which the substep before has left them."""
-    present, row = pores.present, _row_of_first(pores)
-    for k in range(len(present)):
-        for g in range(groups):
-            place = present.shape[1] * k + first + 16 * g
-            prefetch(present, place + SLOTS_AHEAD)
-            store(t, (row + k) * TILE + 16 * g, load16(present, place))
-
-
-def _keep_numbers(t, pores, first, groups):
-    """Leave the numbers by slot for the next substep: in the first one all of them, later what remains, if that is by particle."""
-    present, row = pores.present, _row_of_first(pores)
-    many = len(present) if pores.begins else 0 if pores.alike else 1
-    for k in range(many):
-        for g in range(groups):
-            store(present, present.shape[1] * k + first + 16 * g, load16(t, (row + k) * TILE + 16 * g))
-
-
-def _find_shares(t, g, cell, slot, pores, b):
-    """Fill the rows of what 16 particles from a ``slot`` on follow by their place and, of several releases, by their release."""
-    records, fading, many = pores.records, pores.fading, len(pores.records)
-    place, nothing = PLAN * many * _fading_of(pores, b), zeros(fading)
-    share = looked_up(load16(fading, place), cell, slot)
-    if many > 1:
-        stays, closes = nothing + records[0].equilibrium, nothing + records[0].closure
-        left, release = nothing + pores.left[0], load16(t, RELEASES * TILE + 16 * g)
-        for r in range(1, many):
-            own = release > nothing + (real(r) - real(0.5))
-            share = select(own, looked_up(load16(fading, place + PLAN * r), cell, slot), share)
-            stays = select(own, nothing + records[r].equilibrium, stays)
-            closes = select(own, nothing + records[r].closure, closes)
-            if pores.alike:
-                left = select(own, nothing + pores.left[r], left)
-        if pores.alike:
-            store(t, LEFTS * TILE + 16 * g, left)
-        store(t, REST * TILE + 16 * g, stays)
-        store(t, CLOSURES * TILE + 16 * g, closes)
-        if len(pores.excess) == 1:
-            store(t, EXCESSES * TILE + 16 * g, nothing + pores.excess[0])
-    store(t, SHARES * TILE + 16 * g, share)
-
-
-def _advance(t, p, excess, pore):
-    """Fill the share that the grains of a particle carry in the middle of the step, and advance what remains to its end."""
-    half = t[SHARES, p] * t[LEFTS, p]
-    t[EFFECTIVE, p] = effective_share(excess, half, pore)
-    t[LEFTS, p] = t[SHARES, p] * half
-
-
-def _advance_tile(t, pores, many):
-    """:func:`_advance` for ``many`` particles; numbers that all of them share are no rows."""
-    one = Numbers(pores.records[0].equilibrium, pores.records[0].closure)
-    if len(pores.records) > 1:
-        for p in range(many):
-            _advance(t, p, t[EXCESSES, p], Numbers(t[REST, p], t[CLOSURES, p]))
-    elif len(pores.excess) > 1:
-        for p in range(many):
-            _advance(t, p, t[EXCESSES, p], one)
-    else:
-        for p in range(many):
-            _advance(t, p, pores.excess[0], one)
-
-
-def _drain_each(t, particles, pores, b, first, count):
-    """As :func:`_drain_tile` where what drains lies by particle or release, or, within a transfer, by slot."""
-    groups = (count + 15) >> 4
-    f, many = np.uint64(first), np.uint64(count)
+def _number(values, particles, pores, slot, k):
+    """A number of 16 particles from a ``slot`` on: by particle as a transfer begins, then from row ``k`` of those by slot."""
     if pores.begins:
-        _take_numbers(t, particles, pores, f, many)
-    else:
-        _fetch_numbers(t, pores, first, groups)
-    for g in range(groups):
-        _find_shares(t, g, particles.cell, first + 16 * g, pores, b)
-    _advance_tile(t, pores, np.uint64(16 * groups))
-    if LASTS:
-        _keep_numbers(t, pores, first, groups)
-    elif not pores.alike:
-        for p in range(many):
-            pores.left[np.uint64(particles.particle_index[f + p])] = t[LEFTS, p]
+        return listed_numbers(pores.fading, values, particles.particle_index, slot)
+    place = pores.present.shape[1] * k + slot
+    prefetch(pores.present, place + SLOTS_AHEAD)
+    return load16(pores.present, place)
+
+
+def _keep_number(number, pores, slot, k):
+    """Leave a number of 16 particles from a ``slot`` on to the later substeps, in row ``k``."""
+    store(pores.present, pores.present.shape[1] * k + slot, number)
+
+
+def _share_of_column(pores, b, cell, slot, release):
+    """Share of the excess of 16 particles that is left after half a step, by the columns of their cells."""
+    fading, many = pores.fading, len(pores.records)
+    place = PLAN * many * _fading_of(pores, b)
+    share = looked_up(load16(fading, place), cell, slot)
+    for r in range(1, many):
+        own = release > zeros(fading) + (real(r) - real(0.5))
+        share = select(own, looked_up(load16(fading, place + PLAN * r), cell, slot), share)
+    return share
+
+
+def _drain_group(t, g, particles, pores, b, slot):
+    """:func:`_drain_tile` for 16 particles from a ``slot`` on."""
+    several, uneven, keeps = len(pores.records) > 1, len(pores.excess) > 1, LASTS and pores.begins
+    left = excess = share = release = zeros(pores.fading)
+    k = np.int64(not pores.alike)
+    if uneven:
+        excess = _number(pores.excess, particles, pores, slot, k)
+        if keeps:
+            _keep_number(excess, pores, slot, k)
+        k += 1
+    if several:
+        release = _number(particles.label, particles, pores, slot, k)
+        if keeps:
+            _keep_number(release, pores, slot, k)
+        store(t, RELEASES * TILE + 16 * g, release)
+    if not pores.alike:
+        left = _number(pores.left, particles, pores, slot, 0)
+        share = _share_of_column(pores, b, particles.cell, slot, release)
+    carried, remains = _drained(left, excess, share, release, pores)
+    store(t, EFFECTIVE * TILE + 16 * g, carried)
+    if LASTS and not pores.alike:
+        _keep_number(remains, pores, slot, 0)
+    store(t, LEFTS * TILE + 16 * g, remains)
 
 
 def _drain_tile(t, particles, pores, b, first, count):
-    """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess."""
-    if pores.alike and len(pores.records) == 1:
-        _fill_alike(t, particles, pores, np.uint64(first), np.uint64(count))
-    else:
-        _drain_each(t, particles, pores, b, first, count)
-    for p in range(np.uint64(count), np.uint64((count + 15) & ~15)):
-        t[EFFECTIVE, p] = real(1.0)
+    """Fill the row EFFECTIVE of a tile of ``count`` particles from slot ``first`` on, and advance what remains of their excess.
+
+    Of several releases the row RELEASES is filled too. What drains lies by particle or release, or, within a transfer, by slot.
+    """
+    for g in range((count + 15) >> 4):
+        _drain_group(t, g, particles, pores, b, first + 16 * g)
+    if not (LASTS or pores.alike):
+        f = np.uint64(first)
+        for p in range(np.uint64(count)):
+            pores.left[np.uint64(particles.particle_index[f + p])] = t[LEFTS, p]

@@ -12,7 +12,7 @@ nodes that it reaches are summed.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -42,15 +42,19 @@ class Schedule:
 
     @classmethod
     def of(cls, blocks: Blocks, threads: int, at_once: bool = True) -> "Schedule":
-        """Ranges with the same work for each thread; if not ``at_once``, no node is due before all threads are done."""
+        """Ranges with the same work for each thread; if not ``at_once``, no node is due before all threads are done.
+
+        Links are reduced column by column: along rows of eight numpy takes several times as long.
+        """
         cuts = _stretches(blocks, threads)
-        last = np.maximum(blocks.down.max(axis=1, initial=0), 0) // STRIP
-        first = np.where(blocks.down < 0, last[:, None], blocks.down // STRIP).min(axis=1, initial=len(last))
+        last = np.maximum(reduce(np.maximum, blocks.down.T), 0) // STRIP
+        least = reduce(np.minimum, blocks.down.T.view(np.uint32))  # -1 is the largest of these
+        first = np.minimum(least // STRIP, last)
         strips = -(-blocks.nown // STRIP)
         thread = np.searchsorted(cuts, STRIP * np.arange(strips), side="right")
         behind = np.where(at_once & (thread[first] == thread[last]), last, strips) if strips else last
         nodes = np.lexsort((last, behind)).astype(np.int32)
-        freed = behind[blocks.up].max(axis=1, initial=0)
+        freed = reduce(np.maximum, (behind[column] for column in blocks.up.T))
         owners = np.argsort(freed, kind="stable").astype(np.int32)
         each = np.arange(strips + 1)
         due, over, parts = np.searchsorted(behind[nodes], each), np.searchsorted(freed[owners], each), np.arange(threads + 1)

@@ -134,11 +134,10 @@ class Store:
     def pores_by_slot(self, releases: int) -> np.ndarray:
         """Place for what drains by slot within a transfer: what remains, excess and release of each particle where these differ."""
         assert self.pore_excess is not None
-        several, uneven = releases > 1, len(self.pore_excess) > 1
-        count = several * (1 + uneven) if self.drains_alike else 3 if several else 1 + uneven
-        shape = count, len(self.particles.cell) if count else 1
+        count = (not self.drains_alike) + (len(self.pore_excess) > 1) + (releases > 1)
+        shape = count, (len(self.particles.cell) + 15) & ~15 if count else 1
         if self.pore_present is None or self.pore_present.shape != shape:
-            self.pore_present = np.zeros(shape, self.particles.rec.dtype)
+            self.pore_present = _zeros(*shape, self.particles.rec.dtype)
         return self.pore_present
 
     @property

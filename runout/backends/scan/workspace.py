@@ -101,7 +101,7 @@ class Workspace:
 
 def _rows_of_contacts(rows: int, dtype: Any, wet: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     n = (rows + PADDING) & ~15
-    measured, drained = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(wet * n // 16, 80, dtype).reshape(-1, 5, 16)
+    measured, drained = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(wet * n // 16, 64, dtype).reshape(-1, 4, 16)
     return _zeros(n, 4, dtype), measured, _zeros(n, 4, dtype), _zeros(n, 4, dtype), drained
 
 
