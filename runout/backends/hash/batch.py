@@ -218,15 +218,15 @@ class Batch:
         A sort cuts the ground anew before the next step.
         Scenes that share the ground share what is lowered.
         """
-        ground = self.parts.scenes.scenes[scene].ground
+        parts, ground = self.parts, self.parts.scenes.scenes[scene].ground
         assert ground is not None
-        assert self.parts.ground is not None
+        assert parts.ground is not None
         if not depth.size:
             return
         ground.lower(first, depth)
         with self._at_rest():
             self._finish_sort()
-            parts, table = self.parts, wp.array(depth, dtype=wp.float64)
+            table = wp.array(depth, dtype=wp.float64)
             parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
             groups = parts.store.group, parts.index.block_group, parts.scenes.group, parts.scenes.constants
             run(parts.k.sink, parts.store.n, *groups, table, scene, *first)

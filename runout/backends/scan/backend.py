@@ -126,11 +126,15 @@ class ScanBackend:
 
         The next step cuts the tiles of the blocks there anew.
         """
-        ground, c = self.scene.ground, self.tables.constants
+        ground = self.scene.ground
         assert ground is not None
         ground.lower(first, depth)
-        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, np.ascontiguousarray(depth, np.float64), first)
+        self._sink(first, depth)
         self.lowered.append((first, depth.shape))
+
+    def _sink(self, first: tuple[int, int], depth: np.ndarray) -> None:
+        c = self.tables.constants
+        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, np.ascontiguousarray(depth, np.float64), first)
 
     def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:
         """Cut the tiles of the blocks over so many nodes from the ``first`` on."""
@@ -321,6 +325,7 @@ class ScanBackend:
                 self.particles()
             case "pack":
                 self._close_gaps()
+                self._sink((0, 0), np.zeros((1, 1)))
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
