@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -75,6 +75,16 @@ class BoxSums:
     def mass(self) -> np.ndarray:
         """Mass [kg] (rows, columns)."""
         return self.sums[4] if len(self.sums) > 4 else self.density * self.sums[0]
+
+
+class Sinking(NamedTuple):
+    """What lets the particles of a flow sink with their ground (:func:`runout.physics.bed.sunk`), at nodes of the plan."""
+
+    first: tuple[int, int]  # node; two before the first that falls, as there are two behind the last
+    # arrays (nx, ny) [m]; fall: of the ground; ground: its coefficients before; layer: that is stretched
+    fall: np.ndarray
+    ground: np.ndarray
+    layer: np.ndarray
 
 
 @dataclass
@@ -151,11 +161,11 @@ class Backend(Protocol):
             As by :meth:`load`, before anything has changed.
         """
 
-    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
+    def lower(self, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
         """Lower the ground of the scene between two steps (:meth:`runout.model.nodal_surface.NodalSurface.lower`), in place.
 
-        The particles above sink by the same height, with the same velocity and stress: nothing falls, and contact stays. Each stays
-        in its cell.
+        The particles of a ``flow`` above sink as :func:`runout.physics.bed.sunk` states, with the same velocity and stress, each in
+        its cell: those on the ground keep their contact, and the layer above it is stretched.
 
         Parameters
         ----------
@@ -164,6 +174,8 @@ class Backend(Protocol):
         depth : ndarray (nx, ny)
             By which the coefficients of the nodes fall [m]. The ground has room for them
             (:meth:`runout.model.nodal_surface.NodalSurface.with_room`).
+        flow : Sinking, optional
+            None: nothing sinks.
         """
 
     @property
@@ -292,7 +304,7 @@ class SceneBatch(Protocol):
     def join(self, more: Sequence[tuple[int, Particles]]) -> None:
         """Add particles to scenes, given by number, all at once; as :meth:`Backend.add`."""
 
-    def lower_of(self, s: int, first: tuple[int, int], depth: np.ndarray, /) -> None:
+    def lower_of(self, s: int, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None, /) -> None:
         """As :meth:`Backend.lower`; scenes that share the ground share what is lowered."""
 
     def max_speed_of(self, s: int, /) -> float:

@@ -33,3 +33,13 @@ def friction_stress(normal_stress: Any, pore_ratio: Any, speed: Any, basal: Any)
 def time_to_travel(distance: Any, speed: Any, gravity: Any):
     """Least time [s] in which a mass with a ``speed`` [m/s] covers a ``distance`` [m], sped up by all of ``gravity`` [m/s2]."""
     return real(2.0) * distance / (speed + math.sqrt(speed * speed + real(2.0) * gravity * distance))
+
+
+def sunk(height: Any, fall: Any, layer: Any, touching: Any):
+    """Way [m] by which a particle at a ``height`` [m] above its ground sinks when that falls by ``fall`` [m].
+
+    One that lies no higher than ``touching`` [m] sinks with the ground, one at the top of the ``layer`` [m] stays where it is, and
+    those between by a share of the fall. So the layer is stretched by the fall, which makes room for what is eroded there.
+    """
+    share = (layer - height) / max(layer - touching, real(1.0e-9))
+    return fall * min(max(share, real(0.0)), real(1.0))

@@ -19,6 +19,7 @@ from runout.backends.protocol import (
     NodeSums,
     RasterSums,
     SceneBatch,
+    Sinking,
     bytes_on_device,
     find_device,
     free_memory,
@@ -285,8 +286,8 @@ class _View:
     def add(self, particles: Particles) -> None:
         self.together.joining.append((self.scene, particles))
 
-    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        self.batch.lower_of(self.scene, first, depth)
+    def lower(self, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
+        self.batch.lower_of(self.scene, first, depth, flow)
 
     def particles(self) -> Particles:
         return self.batch.particles_of(self.scene)

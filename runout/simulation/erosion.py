@@ -24,7 +24,7 @@ import numpy as np
 from runout.backends import bed_loops
 from runout.backends.compile import array_binding, numba_binding, threads_at_most
 from runout.backends.plan_areas import nearest_nodes, weighed
-from runout.backends.protocol import Backend, LedgerRow, WindowBackend
+from runout.backends.protocol import Backend, LedgerRow, Sinking, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, require_kind
 from runout.model.bed import Bed
@@ -45,6 +45,8 @@ LOGGER = logging.getLogger(__name__)
 TRAVEL = 2.0  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
 LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth takes as long as a few steps
+SPREADING = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703  # steps of low discrepancy in space (Roberts 2018)
+AROUND = 2  # nodes around those that fall, over which particles may sink with them
 NOTHING = np.array([[2**62, 2**62], [0, 0]])  # first nodes and ends of no part of the window
 
 
@@ -100,7 +102,8 @@ class ErodingBed:
         self.ground_at_start = self.ground.change.copy()
         self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
-        self.radius = float(arrangement.half_size(np.array(scene.spacing[2] / per_axis[2])))
+        self.layer_of_particles = scene.spacing[2] / per_axis[2]  # [m]
+        self.radius = float(arrangement.half_size(np.array(self.layer_of_particles)))
         self.record, self.basal = self._bed_record(), scene.basal.table()
         self._begin_anew(shape)
 
@@ -227,25 +230,33 @@ class ErodingBed:
             count += more
         if not count.any():
             return
-        self._lower_ground(engine)
+        self._lower_ground(engine, columns)
         self.coefficients.make(count, first)  # mass may have left these nodes before the run was resumed
         nodes = np.nonzero(count)
         i, j = (np.repeat(index, count[nodes]) for index in nodes)
-        newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
-        self._book(columns, newborn, i + first[0], j + first[1])
+        layer = self._layer(columns, first, count.shape)[i, j]
+        newborn, lifted = self._particles_at(i + first[0], j + first[1], layer, releases[i, j], mass)
+        self._book(columns, newborn, i + first[0], j + first[1], lifted)
         if len(self.scene.materials) > 1:
             assert isinstance(engine, WindowBackend)
             self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, columns.shape))
         engine.add(newborn)
 
-    def _lower_ground(self, engine: Backend) -> None:
+    def _layer(self, columns: Columns, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Thickness [m] of the layer that new particles join at nodes (nx, ny): the lowest one of particles, or a thinner flow."""
+        return np.minimum(columns.thickness(first, shape, self.area), self.layer_of_particles)
+
+    def _lower_ground(self, engine: Backend, columns: Columns) -> None:
         """Lower the ground by all that was eroded since it was lowered last."""
         (west, south), (east, north) = self.changed.tolist()
         if west >= east:
             return
         changed = slice(west, east), slice(south, north)
         depth = self.eroded[changed] - self.sunk[changed]
-        engine.lower((self.first[0] + west, self.first[1] + south), depth)
+        first, fall = (self.first[0] + west, self.first[1] + south), np.pad(depth, AROUND)
+        around = first[0] - AROUND, first[1] - AROUND
+        ground, layer = self.coefficients.table(around, fall.shape), self._layer(columns, around, fall.shape)
+        engine.lower(first, depth, Sinking(around, fall, ground, layer))
         self.sunk[changed] = self.eroded[changed]
         self.changed = NOTHING.copy()
 
@@ -258,18 +269,25 @@ class ErodingBed:
         )
         return along, across
 
-    def _particles_at(self, i: np.ndarray, j: np.ndarray, releases: np.ndarray, mass: np.ndarray) -> Particles:
-        """Particles at rest on the ground, of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,)."""
+    def _particles_at(
+        self, i: np.ndarray, j: np.ndarray, layer: np.ndarray, releases: np.ndarray, mass: np.ndarray
+    ) -> tuple[Particles, np.ndarray]:
+        """Particles at rest in a ``layer`` (n,) [m], of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,).
+
+        Those of its lowest particles touch the ground. The other value is the height (n,) [m] by which the rest is lifted.
+        """
         number, raster = self.born + np.arange(len(i)), self.scene.raster
         x, y = (
             np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
             for index, step, h, cells, size in zip(
-                (i, j), arrangement.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
+                (i, j), SPREADING, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
             )
         )
         z, east, north = self.coefficients.evaluate(i, j, x, y).T
         above = self.radius * np.sqrt(1.0 + east**2 + north**2)
-        newborn = Particles.at(np.column_stack([x, y, z + above]), np.array(self.scene.spacing))
+        height = (SPREADING[2] * (number + 1)) % 1.0 * layer
+        lifted = np.where(height > 2.0 * above, height - above, 0.0)
+        newborn = Particles.at(np.column_stack([x, y, z + above + lifted]), np.array(self.scene.spacing))
         newborn.release[:] = releases
         newborn.mass[:] = mass[releases]
         newborn.volume[:] = newborn.mass / self.scene.densities[releases]
@@ -280,7 +298,7 @@ class ErodingBed:
             newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
         self._note_births(newborn.identity)
         self.born += len(i)
-        return newborn
+        return newborn, lifted
 
     def _note_births(self, identity: np.ndarray) -> None:
         """Add consecutive identities (n,) to :attr:`spans`."""
@@ -290,11 +308,12 @@ class ErodingBed:
         else:
             self.spans = np.concatenate([self.spans, [[first, end]]])
 
-    def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
-        """Add mass and energy of particles at nodes ``i``, ``j`` (n,)."""
-        booked, height = self.booked, newborn.position(np.array(self.scene.spacing)) @ np.array(self.scene.gravity)
+    def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray, lifted: np.ndarray) -> None:
+        """Add mass and energy of particles at nodes ``i``, ``j`` (n,): the flow, which sinks, has ``lifted`` (n,) [m] them."""
+        booked, place = self.booked, newborn.position(np.array(self.scene.spacing))
+        place[:, 2] -= lifted
         booked.entrained_mass += float(newborn.mass.sum())
-        booked.entrained_energy -= float(newborn.mass @ height)
+        booked.entrained_energy -= float(newborn.mass @ (place @ np.array(self.scene.gravity)))
         booked.entrainment_dissipation += float(0.5 * newborn.mass @ columns.speed_at(i, j) ** 2)
 
     @staticmethod
@@ -328,7 +347,7 @@ class ErodingBed:
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""
-        fixed = "volume", "radius", "particles", "there", "ground_at_start", "record", "basal"
+        fixed = "volume", "radius", "layer_of_particles", "particles", "there", "ground_at_start", "record", "basal"
         return arrays_of(self, fixed) | arrays_of(self.booked, (), "booked.")
 
     def restore(self, state: State) -> None:

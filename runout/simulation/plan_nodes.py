@@ -15,6 +15,7 @@ from runout.release import arrangement
 
 POOL_WIDTHS = 2, 4, 8, 16  # nodes
 THINNEST = 1e-6  # [m] of a bed; less is rounding
+FAR_BELOW = -1e30  # [m]: ground that no mass is near
 NODES_OF_A_THREAD = 2**11  # that are worth a thread of their own
 
 
@@ -43,6 +44,11 @@ class Columns:
         """[kg] of the part (nx, ny)."""
         (i, j), (n, m) = self.begin, self.shape
         return self.sums[4, i : i + n, j : j + m]
+
+    def thickness(self, first: tuple[int, int], shape: tuple[int, int], area: float) -> np.ndarray:
+        """Vertical thickness [m] of the flow at nodes (nx, ny) from the ``first`` on, each of an ``area`` [m2]; 0 beyond it."""
+        begin = self.first[0] - self.begin[0], self.first[1] - self.begin[1]
+        return cut_out(self.sums[0], begin, first, shape, 0.0) / area
 
     def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
         """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part and without mass."""
@@ -99,6 +105,11 @@ class GroundCoefficients:
             _loops().resample_windows(lattice, np.array(self.first, np.int64), windows, self.values)
         self.known[*(tiles - self.begin).T] = True
 
+    def table(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+        """Coefficients [m] with the change at nodes (nx, ny) from the ``first`` on; far below all where none were made."""
+        made = cut_out(self.values, self.first, first, shape, np.nan)
+        return np.nan_to_num(made + cut_out(self.ground.change, self.ground.first, first, shape, 0.0), nan=FAR_BELOW)
+
     def evaluate(self, i: np.ndarray, j: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Elevation [m] and slopes [1] (n, 3) of the ground at ``x``, ``y`` (n,) [m], within half a cell of nodes made here."""
         first = self.first[0] + 1, self.first[1] + 1
@@ -107,6 +118,19 @@ class GroundCoefficients:
         found = np.empty((len(i), 3))
         _loops().evaluate_ground(record, begin, np.column_stack([i - first[0], j - first[1]]), np.column_stack([x, y]), found)
         return found
+
+
+def cut_out(
+    values: np.ndarray, begin: tuple[int, int], first: tuple[int, int], shape: tuple[int, int], beyond: float
+) -> np.ndarray:
+    """Values of nodes (nx, ny) from the ``first`` on, of an array that has those from ``begin`` on; ``beyond`` it another one."""
+    found = np.full(shape, beyond)
+    low = [max(a, b) for a, b in zip(begin, first, strict=True)]
+    high = [min(a + n, b + m) for a, n, b, m in zip(begin, values.shape, first, shape, strict=True)]
+    if low[0] < high[0] and low[1] < high[1]:
+        here, there = (tuple(slice(a - o, b - o) for a, b, o in zip(low, high, one, strict=True)) for one in (first, begin))
+        found[here] = values[there]
+    return found
 
 
 def births(

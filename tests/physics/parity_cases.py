@@ -236,6 +236,7 @@ CASES = [
     Case(bed.friction_stress, "sssm", "s", (between(0.0, 5.0), share, speed)),
     Case(inflow.push_of_flow, "ssss", "s", (speed, between(1.0, 10.0), between(0.1, 5.0), share)),
     Case(bed.time_to_travel, "sss", "s", (between(0.1, 5.0), speed, between(1.0, 10.0))),
+    Case(bed.sunk, "ssss", "s", (between(0.0, 5.0), between(0.0, 0.1), between(0.0, 5.0), between(0.1, 0.5))),
     Case(contact.largest_share, "s", "s", (between(0.05, 5.0),)),
     Case(contact.area_share, "sss", "s", (between(0.0, 1.0), between(0.1, 50.0), between(0.1, 50.0))),
     Case(contact.ground_area, "sss", "s", (between(0.1, 50.0), between(0.1, 4.0), between(0.2, 1.0))),

@@ -12,7 +12,7 @@ from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, layers_of, room_for
 from runout.backends.hash.limits import largest_blocks, require_particles, room_within
 from runout.backends.hash.structures import bytes_of_structures
-from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums, Sinking
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
@@ -60,9 +60,9 @@ class HashBackend(Batch):
         """Add particles to those that are there; only these are brought to the device, before the next step."""
         self.join([(0, particles)])
 
-    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]."""
-        self.lower_of(0, first, depth)
+    def lower(self, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]; the ``flow`` above follows."""
+        self.lower_of(0, first, depth, flow)
 
     def step(self, dt: float, substeps: int = 1) -> None:
         """One transfer of ``substeps`` explicit substeps of ``dt`` [s]."""

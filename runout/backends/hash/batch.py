@@ -30,7 +30,7 @@ from runout.backends.hash.scenes import SceneArrays, reach_of
 from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
 from runout.backends.loading import fastest
-from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums
+from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums, Sinking
 from runout.backends.waiting import wait_briefly
 from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
@@ -212,8 +212,8 @@ class Batch:
             self._finish_joining()
             yield
 
-    def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground of a scene and its particles, as :meth:`runout.backends.protocol.Backend.lower`.
+    def lower_of(self, scene: int, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
+        """Lower the ground of a scene, as :meth:`runout.backends.protocol.Backend.lower`; the ``flow`` above follows.
 
         A sort cuts the ground anew before the next step.
         Scenes that share the ground share what is lowered.
@@ -224,13 +224,17 @@ class Batch:
         if not depth.size:
             return
         ground.lower(first, depth)
-        with self._at_rest():
-            self._finish_sort()
-            table = wp.array(depth, dtype=wp.float64)
-            parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
-            groups = parts.store.group, parts.index.block_group, parts.scenes.group, parts.scenes.constants
-            run(parts.k.sink, parts.store.n, *groups, table, scene, *first)
-        self._forget()
+        if flow is None:
+            with self._on_device():
+                parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
+        else:
+            with self._at_rest():
+                self._finish_sort()
+                parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
+                tables = [wp.array(np.ascontiguousarray(table), dtype=wp.float64) for table in flow[1:]]
+                groups = parts.store.group, parts.index.block_group, parts.scenes.group, parts.scenes.constants
+                run(parts.k.sink, parts.store.n, *groups, *tables, scene, *flow.first)
+            self._forget()
         self.since_sort = STEPS_PER_SORT
 
     def bytes_used(self) -> int:

@@ -40,9 +40,11 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.scenes import SceneArrays
 from runout.model.nodal_surface import NodalSurface
+from runout.physics.bed import sunk as sunk64
 from runout.physics.bspline import first_node as first_node64
 from runout.physics.heightfield import bend_smoothness as bend_smoothness64
 from runout.physics.heightfield import distance, upward_normal
+from runout.physics.heightfield import normal_z as normal_z64
 from runout.physics.heightfield import resampled_coefficient as resampled_coefficient64
 from runout.physics.heightfield import surface_at as surface_at64
 from runout.physics.tensors import real
@@ -242,18 +244,32 @@ def bound_columns(ground: GroundGroup, constants: Constants):
     ground.bounds[place, 2 * column + 1] = wp.float16(real(0.999) * n[2])
 
 
-def _depth_at(depth: Doubles2, i: int, j: int):
+def _place_in(table: Doubles2, i: int, j: int):
     """A place of a table (nx, ny) [m], nothing beyond it."""
-    if i < 0 or j < 0 or i >= depth.shape[0] or j >= depth.shape[1]:
+    if i < 0 or j < 0 or i >= table.shape[0] or j >= table.shape[1]:
         return wp.float64(0.0)
-    return depth[i, j]
+    return table[i, j]
+
+
+def _column_at(table: Doubles2, i: int, j: int, fx: wp.float64, fy: wp.float64):
+    """Value of a table (nx, ny) [m] and its slopes [m / cell] at a place, from the nodes around (i + 1, j + 1)."""
+    nine = tens64(
+        _place_in(table, i, j), _place_in(table, i, j + 1), _place_in(table, i, j + 2),
+        _place_in(table, i + 1, j), _place_in(table, i + 1, j + 1), _place_in(table, i + 1, j + 2),
+        _place_in(table, i + 2, j), _place_in(table, i + 2, j + 1), _place_in(table, i + 2, j + 2),
+    )  # fmt: skip
+    return surface_at64(nine, fx, fy)
 
 
 def sink(
-    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, depth: Doubles2, s: int, east: int,
-    north: int,
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, depth: Doubles2, floor: Doubles2,
+    layer: Doubles2, s: int, east: int, north: int,
 ):  # fmt: skip
-    """Let the particles of a scene above nodes from (``east``, ``north``) on sink by a ``depth`` (nx, ny) [m], each in its cell."""
+    """Let the particles of a scene sink as their ground falls (:func:`runout.physics.bed.sunk`), each in its cell.
+
+    Tables (nx, ny) [m] from node (``east``, ``north``) on: by how much the ground falls, its coefficients before, the layer that
+    is stretched.
+    """
     p = wp.tid()
     k = particles.key[p]
     b = wp.max(k, 0) >> 6
@@ -263,14 +279,14 @@ def sink(
     j = 4 * blocks.coordinates[b, 1] + ((k >> 2) & 3) - scenes.shift[s] - north
     if i <= -3 or j <= -3 or i >= depth.shape[0] or j >= depth.shape[1]:
         return
-    nine = tens64(
-        _depth_at(depth, i, j), _depth_at(depth, i, j + 1), _depth_at(depth, i, j + 2),
-        _depth_at(depth, i + 1, j), _depth_at(depth, i + 1, j + 1), _depth_at(depth, i + 1, j + 2),
-        _depth_at(depth, i + 2, j), _depth_at(depth, i + 2, j + 1), _depth_at(depth, i + 2, j + 2),
-    )  # fmt: skip
-    found = surface_at64(nine, wp.float64(particles.rec[OFFSET, p]), wp.float64(particles.rec[OFFSET + 1, p]))
-    lower = wp.float64(particles.rec[OFFSET + 2, p]) - found[0] / wp.float64(constants.h[2])
-    particles.rec[OFFSET + 2, p] = real(wp.max(lower, wp.float64(0.5)))
+    fx, fy = wp.float64(particles.rec[OFFSET, p]), wp.float64(particles.rec[OFFSET + 1, p])
+    fz, h = wp.float64(particles.rec[OFFSET + 2, p]), constants.h
+    base = _column_at(floor, i, j, fx, fy)
+    touching = wp.float64(particles.radius[p]) / normal_z64(base[1] / wp.float64(h[0]), base[2] / wp.float64(h[1]))
+    height = (wp.float64(4 * blocks.coordinates[b, 2] + (k & 3)) + fz) * wp.float64(h[2]) - base[0]
+    fall, room = _column_at(depth, i, j, fx, fy), _column_at(layer, i, j, fx, fy)
+    way = sunk64(height, fall[0], room[0], touching)
+    particles.rec[OFFSET + 2, p] = real(wp.max(fz - way / wp.float64(h[2]), wp.float64(0.5)))
 
 
 class Ground:

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from runout.backends import footprints, plan_areas
-from runout.backends.compile import numba_binding
+from runout.backends.compile import array_binding, numba_binding
 from runout.backends.loading import require_movable
 from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, layer_thicknesses, slow_columns
-from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums, box_blocks
+from runout.backends.protocol import Counters, LedgerRow, NodeSums, RasterSums, Sinking, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.contact import Contacts
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
@@ -27,7 +27,6 @@ from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, joined_mean, require_index_range
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline, contact, substeps
-from runout.physics.heightfield import surface_at
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
 
@@ -98,15 +97,21 @@ class ReferenceBackend:
         if self.structures:
             self.structures.add(particles.identity)
 
-    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m], and the particles above."""
+    def lower(self, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]; the ``flow`` above follows."""
         assert self.scene.ground is not None
         self.scene.ground.lower(first, depth)
-        p, around = self._p, np.pad(depth, 3)  # nodes beyond the part do not fall
-        i, j = (np.clip(p.node[:, k] - first[k] + 3, 0, around.shape[k] - 3) for k in range(2))
-        nine = [around[i + a, j + b] for a in range(3) for b in range(3)]
-        fall = surface_at(nine, p.offset[:, 0], p.offset[:, 1])[0]
-        p.offset[:, 2] = np.maximum(p.offset[:, 2] - fall / self.spacing[2], 0.5)  # in its cell
+        if flow is None:
+            return
+        p, h = self._p, self.spacing
+        tables = np.pad(np.stack(flow[1:]), ((0, 0), (3, 3), (3, 3)))  # nodes beyond the part do not fall
+        i, j = (np.clip(p.node[:, k] - flow.first[k] + 3, 0, tables.shape[k + 1] - 3) for k in range(2))
+        nine = [tables[:, i + a, j + b] for a in range(3) for b in range(3)]
+        physics = array_binding()
+        (fall, ground, layer), east, north = physics.heightfield.surface_at(nine, p.offset[:, 0], p.offset[:, 1])
+        touching = p.radius / physics.heightfield.normal_z(east[1] / h[0], north[1] / h[1])
+        way = physics.bed.sunk((p.node[:, 2] + p.offset[:, 2]) * h[2] - ground, fall, layer, touching)
+        p.offset[:, 2] = np.maximum(p.offset[:, 2] - way / h[2], 0.5)  # in its cell
 
     @property
     def max_speed(self) -> float:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.loading import surveyed
-from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, NodeSums, RasterSums, Sinking
 from runout.backends.scan import checkpoint, grid, grid_to_particles
 from runout.backends.scan.addition import placed
 from runout.backends.scan.constants import Tables
@@ -121,20 +121,21 @@ class ScanBackend:
         alone = Index.of_size(1, 1).blocks._replace(held=np.array([len(slots)]))
         self.k.change_step(self.store.particles._replace(order=slots), alone, t.moduli, real(t.packed_dt), t.constants.h)
 
-    def lower(self, first: tuple[int, int], depth: np.ndarray) -> None:
-        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m], and the particles above.
+    def lower(self, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
+        """Lower the ground at the nodes from the ``first`` on by a ``depth`` (nx, ny) [m]; the ``flow`` above follows.
 
         The next step cuts the tiles of the blocks there anew.
         """
         ground = self.scene.ground
         assert ground is not None
         ground.lower(first, depth)
-        self._sink(first, depth)
+        if flow is not None:
+            self._sink(flow.first, np.stack(flow[1:]))
         self.lowered.append((first, depth.shape))
 
-    def _sink(self, first: tuple[int, int], depth: np.ndarray) -> None:
+    def _sink(self, first: tuple[int, int], column: np.ndarray) -> None:
         c = self.tables.constants
-        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, np.ascontiguousarray(depth, np.float64), first)
+        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, np.ascontiguousarray(column, np.float64), first)
 
     def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:
         """Cut the tiles of the blocks over so many nodes from the ``first`` on."""
@@ -325,7 +326,7 @@ class ScanBackend:
                 self.particles()
             case "pack":
                 self._close_gaps()
-                self._sink((0, 0), np.zeros((1, 1)))
+                self._sink((0, 0), np.zeros((3, 1, 1)))
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""

@@ -13,6 +13,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import local_array
+from runout.physics.bed import sunk
 from runout.physics.bspline import first_node, weights
 from runout.physics.heightfield import (
     bend_smoothness,
@@ -154,29 +155,41 @@ def cut_tiles(coefficients, origin, size, change, first, blocks, corner, h, grou
             block = _joined(around, bxyz, block, ABOVE)
 
 
-def sink(particles, blocks, corner, h, depth, first):
-    """Let the particles above nodes from ``first`` on sink with their ground by a ``depth`` (nx, ny) [m]; each stays in its cell.
+def _nine_of(table, i, j):
+    """Places of a table (nx, ny) around the node (i + 1, j + 1), nothing beyond it."""
+    return (
+        _change_at(table, i, j), _change_at(table, i, j + 1), _change_at(table, i, j + 2),
+        _change_at(table, i + 1, j), _change_at(table, i + 1, j + 1), _change_at(table, i + 1, j + 2),
+        _change_at(table, i + 2, j), _change_at(table, i + 2, j + 1), _change_at(table, i + 2, j + 2),
+    )  # fmt: skip
 
-    Their velocity stays the same: the record holds the momentum at the middle of the cell.
+
+def sink(particles, blocks, corner, h, column, first):
+    """Let particles above nodes from ``first`` on sink as their ground falls (:func:`runout.physics.bed.sunk`), each in its cell.
+
+    ``column`` (3, nx, ny) [m]: by how much the ground falls, its coefficients before, the layer that is stretched. Velocities
+    stay the same: the record holds the momentum at the middle of the cell.
     """
     rec, order, starts, bxyz = particles.rec, particles.order, blocks.starts, blocks.bxyz
+    falls, ground, layer = column[0], column[1], column[2]
     for b in prange(blocks.nown):
         m = corner[0] + 4 * bxyz[b, 0] - first[0]
         n = corner[1] + 4 * bxyz[b, 1] - first[1]
-        if m <= -6 or n <= -6 or m >= depth.shape[0] or n >= depth.shape[1]:
+        if m <= -6 or n <= -6 or m >= falls.shape[0] or n >= falls.shape[1]:
             continue
         for c in range(64):
             i = m + (c >> 4)
             j = n + ((c >> 2) & 3)
-            nine = (
-                _change_at(depth, i, j), _change_at(depth, i, j + 1), _change_at(depth, i, j + 2),
-                _change_at(depth, i + 1, j), _change_at(depth, i + 1, j + 1), _change_at(depth, i + 1, j + 2),
-                _change_at(depth, i + 2, j), _change_at(depth, i + 2, j + 1), _change_at(depth, i + 2, j + 2),
-            )  # fmt: skip
+            nine, floor, room = _nine_of(falls, i, j), _nine_of(ground, i, j), _nine_of(layer, i, j)
+            level = np.float64(corner[2] + 4 * bxyz[b, 2] + (c & 3))
             for t in range(starts[b, c], starts[b, c + 1]):
                 p = order[blocks.first[b] + t]
-                fall = surface_at(nine, np.float64(rec[p, 4]), np.float64(rec[p, 8]))[0] / h[2]
-                lower = real(max(np.float64(rec[p, 12]) - fall, 0.5))
+                fx, fy, fz = np.float64(rec[p, 4]), np.float64(rec[p, 8]), np.float64(rec[p, 12])
+                base = surface_at(floor, fx, fy)
+                of_its_own = particles.particle_index[p] if len(particles.radius) > 1 else 0
+                touching = np.float64(particles.radius[of_its_own]) / normal_z(base[1] / h[0], base[2] / h[1])
+                way = sunk((level + fz) * h[2] - base[0], surface_at(nine, fx, fy)[0], surface_at(room, fx, fy)[0], touching)
+                lower = real(max(fz - way / h[2], 0.5))
                 moved = rec[p, 12] - lower
                 for k in range(3):
                     rec[p, 1 + k] += moved * rec[p, 13 + k]
