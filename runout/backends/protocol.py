@@ -81,10 +81,10 @@ class Sinking(NamedTuple):
     """What lets the particles of a flow sink with their ground (:func:`runout.physics.bed.sunk`), at nodes of the plan."""
 
     first: tuple[int, int]  # node; two before the first that falls, as there are two behind the last
-    # arrays (nx, ny) [m]; fall: of the ground; ground: its coefficients before; layer: that is stretched
+    # arrays (nx, ny) [m]; fall: of the ground; ground: its coefficients before
     fall: np.ndarray
     ground: np.ndarray
-    layer: np.ndarray
+    turn: float  # 0 to 1, another one each time: with the place of a particle it decides whether that sinks
 
 
 @dataclass
@@ -164,8 +164,8 @@ class Backend(Protocol):
     def lower(self, first: tuple[int, int], depth: np.ndarray, flow: Sinking | None = None) -> None:
         """Lower the ground of the scene between two steps (:meth:`runout.model.nodal_surface.NodalSurface.lower`), in place.
 
-        The particles of a ``flow`` above sink as :func:`runout.physics.bed.sunk` states, with the same velocity and stress, each in
-        its cell: those on the ground keep their contact, and the layer above it is stretched.
+        Of a ``flow`` above, particles on the ground sink as :func:`runout.physics.bed.sunk` states, with the same velocity and
+        stress, each in its cell.
 
         Parameters
         ----------

@@ -35,11 +35,20 @@ def time_to_travel(distance: Any, speed: Any, gravity: Any):
     return real(2.0) * distance / (speed + math.sqrt(speed * speed + real(2.0) * gravity * distance))
 
 
-def sunk(height: Any, fall: Any, layer: Any, touching: Any):
+def chance_at(x: Any, y: Any, turn: Any):
+    """Number from 0 to 1 that looks like chance, of a place (x, y) [cells] and a ``turn``."""
+    number = real(12.9898) * x + real(78.233) * y + turn
+    return number - math.floor(number)
+
+
+def sunk(height: Any, fall: Any, touching: Any, chance: Any):
     """Way [m] by which a particle at a ``height`` [m] above its ground sinks when that falls by ``fall`` [m].
 
-    One that lies no higher than ``touching`` [m] sinks with the ground, one at the top of the ``layer`` [m] stays where it is, and
-    those between by a share of the fall. So the layer is stretched by the fall, which makes room for what is eroded there.
+    A particle touches the ground at the height ``touching`` [m] and stands for a layer of twice that. Where the ground falls, eroded
+    mass takes the place of a part fall / (2 touching) of this layer, by ``chance`` from 0 to 1, and all above stays where it is.
+    The rest of the layer sinks with the ground and keeps its contact.
     """
-    share = (layer - height) / max(layer - touching, real(1.0e-9))
-    return fall * min(max(share, real(0.0)), real(1.0))
+    layer = real(2.0) * touching
+    if height >= layer or chance * layer < fall:
+        return real(0.0)
+    return fall * min((layer - height) / touching, real(1.0))

@@ -45,7 +45,6 @@ LOGGER = logging.getLogger(__name__)
 TRAVEL = 2.0  # cells that the fastest particle may go between two updates
 LOWERING = 0.02  # cells by which the bed may fall between two updates
 LATE = 0.25  # particles that 2 x 2 nodes may owe more than at the last births: each birth takes as long as a few steps
-SPREADING = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703  # steps of low discrepancy in space (Roberts 2018)
 AROUND = 2  # nodes around those that fall, over which particles may sink with them
 NOTHING = np.array([[2**62, 2**62], [0, 0]])  # first nodes and ends of no part of the window
 
@@ -102,8 +101,7 @@ class ErodingBed:
         self.ground_at_start = self.ground.change.copy()
         self.there = self.depth.on_nodes(self.first, shape, scene.spacing)
         self.volume = math.prod(scene.spacing) / math.prod(per_axis)  # [m3] of a particle
-        self.layer_of_particles = scene.spacing[2] / per_axis[2]  # [m]
-        self.radius = float(arrangement.half_size(np.array(self.layer_of_particles)))
+        self.radius = float(arrangement.half_size(np.array(scene.spacing[2] / per_axis[2])))
         self.record, self.basal = self._bed_record(), scene.basal.table()
         self._begin_anew(shape)
 
@@ -230,23 +228,18 @@ class ErodingBed:
             count += more
         if not count.any():
             return
-        self._lower_ground(engine, columns)
+        self._lower_ground(engine)
         self.coefficients.make(count, first)  # mass may have left these nodes before the run was resumed
         nodes = np.nonzero(count)
         i, j = (np.repeat(index, count[nodes]) for index in nodes)
-        layer = self._layer(columns, first, count.shape)[i, j]
-        newborn, lifted = self._particles_at(i + first[0], j + first[1], layer, releases[i, j], mass)
-        self._book(columns, newborn, i + first[0], j + first[1], lifted)
+        newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
+        self._book(columns, newborn, i + first[0], j + first[1])
         if len(self.scene.materials) > 1:
             assert isinstance(engine, WindowBackend)
             self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, columns.shape))
         engine.add(newborn)
 
-    def _layer(self, columns: Columns, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
-        """Thickness [m] of the layer that new particles join at nodes (nx, ny): the lowest one of particles, or a thinner flow."""
-        return np.minimum(columns.thickness(first, shape, self.area), self.layer_of_particles)
-
-    def _lower_ground(self, engine: Backend, columns: Columns) -> None:
+    def _lower_ground(self, engine: Backend) -> None:
         """Lower the ground by all that was eroded since it was lowered last."""
         (west, south), (east, north) = self.changed.tolist()
         if west >= east:
@@ -255,8 +248,8 @@ class ErodingBed:
         depth = self.eroded[changed] - self.sunk[changed]
         first, fall = (self.first[0] + west, self.first[1] + south), np.pad(depth, AROUND)
         around = first[0] - AROUND, first[1] - AROUND
-        ground, layer = self.coefficients.table(around, fall.shape), self._layer(columns, around, fall.shape)
-        engine.lower(first, depth, Sinking(around, fall, ground, layer))
+        turn = self.born * arrangement.PLASTIC[0] % 1.0
+        engine.lower(first, depth, Sinking(around, fall, self.coefficients.table(around, fall.shape), turn))
         self.sunk[changed] = self.eroded[changed]
         self.changed = NOTHING.copy()
 
@@ -269,25 +262,18 @@ class ErodingBed:
         )
         return along, across
 
-    def _particles_at(
-        self, i: np.ndarray, j: np.ndarray, layer: np.ndarray, releases: np.ndarray, mass: np.ndarray
-    ) -> tuple[Particles, np.ndarray]:
-        """Particles at rest in a ``layer`` (n,) [m], of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,).
-
-        Those of its lowest particles touch the ground. The other value is the height (n,) [m] by which the rest is lifted.
-        """
+    def _particles_at(self, i: np.ndarray, j: np.ndarray, releases: np.ndarray, mass: np.ndarray) -> Particles:
+        """Particles at rest on the ground, of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,)."""
         number, raster = self.born + np.arange(len(i)), self.scene.raster
         x, y = (
             np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
             for index, step, h, cells, size in zip(
-                (i, j), SPREADING, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
+                (i, j), arrangement.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
             )
         )
         z, east, north = self.coefficients.evaluate(i, j, x, y).T
         above = self.radius * np.sqrt(1.0 + east**2 + north**2)
-        height = (SPREADING[2] * (number + 1)) % 1.0 * layer
-        lifted = np.where(height > 2.0 * above, height - above, 0.0)
-        newborn = Particles.at(np.column_stack([x, y, z + above + lifted]), np.array(self.scene.spacing))
+        newborn = Particles.at(np.column_stack([x, y, z + above]), np.array(self.scene.spacing))
         newborn.release[:] = releases
         newborn.mass[:] = mass[releases]
         newborn.volume[:] = newborn.mass / self.scene.densities[releases]
@@ -298,7 +284,7 @@ class ErodingBed:
             newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
         self._note_births(newborn.identity)
         self.born += len(i)
-        return newborn, lifted
+        return newborn
 
     def _note_births(self, identity: np.ndarray) -> None:
         """Add consecutive identities (n,) to :attr:`spans`."""
@@ -308,12 +294,11 @@ class ErodingBed:
         else:
             self.spans = np.concatenate([self.spans, [[first, end]]])
 
-    def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray, lifted: np.ndarray) -> None:
-        """Add mass and energy of particles at nodes ``i``, ``j`` (n,): the flow, which sinks, has ``lifted`` (n,) [m] them."""
-        booked, place = self.booked, newborn.position(np.array(self.scene.spacing))
-        place[:, 2] -= lifted
+    def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
+        """Add mass and energy of particles at nodes ``i``, ``j`` (n,)."""
+        booked, height = self.booked, newborn.position(np.array(self.scene.spacing)) @ np.array(self.scene.gravity)
         booked.entrained_mass += float(newborn.mass.sum())
-        booked.entrained_energy -= float(newborn.mass @ (place @ np.array(self.scene.gravity)))
+        booked.entrained_energy -= float(newborn.mass @ height)
         booked.entrainment_dissipation += float(0.5 * newborn.mass @ columns.speed_at(i, j) ** 2)
 
     @staticmethod
@@ -347,7 +332,7 @@ class ErodingBed:
 
     def state(self) -> State:
         """All that changes, as arrays by name, for :meth:`restore`."""
-        fixed = "volume", "radius", "layer_of_particles", "particles", "there", "ground_at_start", "record", "basal"
+        fixed = "volume", "radius", "particles", "there", "ground_at_start", "record", "basal"
         return arrays_of(self, fixed) | arrays_of(self.booked, (), "booked.")
 
     def restore(self, state: State) -> None:

@@ -45,11 +45,6 @@ class Columns:
         (i, j), (n, m) = self.begin, self.shape
         return self.sums[4, i : i + n, j : j + m]
 
-    def thickness(self, first: tuple[int, int], shape: tuple[int, int], area: float) -> np.ndarray:
-        """Vertical thickness [m] of the flow at nodes (nx, ny) from the ``first`` on, each of an ``area`` [m2]; 0 beyond it."""
-        begin = self.first[0] - self.begin[0], self.first[1] - self.begin[1]
-        return cut_out(self.sums[0], begin, first, shape, 0.0) / area
-
     def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
         """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part and without mass."""
         a, b = i - self.first[0], j - self.first[1]

@@ -231,9 +231,9 @@ class Batch:
             with self._at_rest():
                 self._finish_sort()
                 parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
-                tables = [wp.array(np.ascontiguousarray(table), dtype=wp.float64) for table in flow[1:]]
+                tables = [wp.array(table, dtype=wp.float64) for table in (flow.fall, flow.ground)]
                 groups = parts.store.group, parts.index.block_group, parts.scenes.group, parts.scenes.constants
-                run(parts.k.sink, parts.store.n, *groups, *tables, scene, *flow.first)
+                run(parts.k.sink, parts.store.n, *groups, *tables, scene, *flow.first, flow.turn)
             self._forget()
         self.since_sort = STEPS_PER_SORT
 

@@ -40,6 +40,7 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.scenes import SceneArrays
 from runout.model.nodal_surface import NodalSurface
+from runout.physics.bed import chance_at as chance_at64
 from runout.physics.bed import sunk as sunk64
 from runout.physics.bspline import first_node as first_node64
 from runout.physics.heightfield import bend_smoothness as bend_smoothness64
@@ -263,12 +264,11 @@ def _column_at(table: Doubles2, i: int, j: int, fx: wp.float64, fy: wp.float64):
 
 def sink(
     particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, depth: Doubles2, floor: Doubles2,
-    layer: Doubles2, s: int, east: int, north: int,
+    s: int, east: int, north: int, turn: wp.float64,
 ):  # fmt: skip
     """Let the particles of a scene sink as their ground falls (:func:`runout.physics.bed.sunk`), each in its cell.
 
-    Tables (nx, ny) [m] from node (``east``, ``north``) on: by how much the ground falls, its coefficients before, the layer that
-    is stretched.
+    Tables (nx, ny) [m] from node (``east``, ``north``) on: by how much the ground falls, and its coefficients before.
     """
     p = wp.tid()
     k = particles.key[p]
@@ -284,8 +284,8 @@ def sink(
     base = _column_at(floor, i, j, fx, fy)
     touching = wp.float64(particles.radius[p]) / normal_z64(base[1] / wp.float64(h[0]), base[2] / wp.float64(h[1]))
     height = (wp.float64(4 * blocks.coordinates[b, 2] + (k & 3)) + fz) * wp.float64(h[2]) - base[0]
-    fall, room = _column_at(depth, i, j, fx, fy), _column_at(layer, i, j, fx, fy)
-    way = sunk64(height, fall[0], room[0], touching)
+    chance = chance_at64(wp.float64(i + east) + fx, wp.float64(j + north) + fy, turn)
+    way = sunk64(height, _column_at(depth, i, j, fx, fy)[0], touching, chance)
     particles.rec[OFFSET + 2, p] = real(wp.max(fz - way / wp.float64(h[2]), wp.float64(0.5)))
 
 

@@ -144,7 +144,7 @@ def _common_names(precision: str) -> dict[str, Any]:
     real, wide = _number(precision), _physics(wp.float64)
     names = {
         "first_node64": wide.bspline.first_node, "tens64": wide.names["tens"], "surface_at64": wide.heightfield.surface_at,
-        "normal_z64": wide.heightfield.normal_z, "sunk64": wide.bed.sunk,
+        "normal_z64": wide.heightfield.normal_z, "sunk64": wide.bed.sunk, "chance_at64": wide.bed.chance_at,
         "bend_smoothness64": wide.heightfield.bend_smoothness, "resampled_coefficient64": wide.heightfield.resampled_coefficient,
         "gradient_column64": wide.moments.gradient_column, "kinetic_energy64": wide.moments.kinetic_energy,
         "potential_energy64": wide.moments.potential_energy,

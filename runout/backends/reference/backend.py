@@ -27,6 +27,7 @@ from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, joined_mean, require_index_range
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline, contact, substeps
+from runout.physics.bed import sunk
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
 
@@ -104,13 +105,15 @@ class ReferenceBackend:
         if flow is None:
             return
         p, h = self._p, self.spacing
-        tables = np.pad(np.stack(flow[1:]), ((0, 0), (3, 3), (3, 3)))  # nodes beyond the part do not fall
+        tables = np.pad(np.stack([flow.fall, flow.ground]), ((0, 0), (3, 3), (3, 3)))  # nodes beyond the part do not fall
         i, j = (np.clip(p.node[:, k] - flow.first[k] + 3, 0, tables.shape[k + 1] - 3) for k in range(2))
         nine = [tables[:, i + a, j + b] for a in range(3) for b in range(3)]
         physics = array_binding()
-        (fall, ground, layer), east, north = physics.heightfield.surface_at(nine, p.offset[:, 0], p.offset[:, 1])
+        (fall, ground), east, north = physics.heightfield.surface_at(nine, p.offset[:, 0], p.offset[:, 1])
         touching = p.radius / physics.heightfield.normal_z(east[1] / h[0], north[1] / h[1])
-        way = physics.bed.sunk((p.node[:, 2] + p.offset[:, 2]) * h[2] - ground, fall, layer, touching)
+        x, y, z = (p.node + p.offset).T
+        chance = physics.bed.chance_at(x, y, flow.turn)
+        way = np.array([sunk(*one) for one in zip(z * h[2] - ground, fall, touching, chance, strict=True)])
         p.offset[:, 2] = np.maximum(p.offset[:, 2] - way / h[2], 0.5)  # in its cell
 
     @property

@@ -130,12 +130,12 @@ class ScanBackend:
         assert ground is not None
         ground.lower(first, depth)
         if flow is not None:
-            self._sink(flow.first, np.stack(flow[1:]))
+            self._sink(flow)
         self.lowered.append((first, depth.shape))
 
-    def _sink(self, first: tuple[int, int], column: np.ndarray) -> None:
-        c = self.tables.constants
-        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, np.ascontiguousarray(column, np.float64), first)
+    def _sink(self, flow: Sinking) -> None:
+        c, column = self.tables.constants, np.stack([flow.fall, flow.ground])
+        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, column, flow.first, flow.turn)
 
     def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:
         """Cut the tiles of the blocks over so many nodes from the ``first`` on."""
@@ -326,7 +326,7 @@ class ScanBackend:
                 self.particles()
             case "pack":
                 self._close_gaps()
-                self._sink((0, 0), np.zeros((3, 1, 1)))
+                self._sink(Sinking((0, 0), np.zeros((1, 1)), np.zeros((1, 1)), 0.0))
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""

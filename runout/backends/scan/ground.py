@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import local_array
-from runout.physics.bed import sunk
+from runout.physics.bed import chance_at, sunk
 from runout.physics.bspline import first_node, weights
 from runout.physics.heightfield import (
     bend_smoothness,
@@ -164,14 +164,14 @@ def _nine_of(table, i, j):
     )  # fmt: skip
 
 
-def sink(particles, blocks, corner, h, column, first):
+def sink(particles, blocks, corner, h, column, first, turn):
     """Let particles above nodes from ``first`` on sink as their ground falls (:func:`runout.physics.bed.sunk`), each in its cell.
 
-    ``column`` (3, nx, ny) [m]: by how much the ground falls, its coefficients before, the layer that is stretched. Velocities
-    stay the same: the record holds the momentum at the middle of the cell.
+    ``column`` (2, nx, ny) [m]: by how much the ground falls, and its coefficients before. Velocities stay the same: the record
+    holds the momentum at the middle of the cell.
     """
     rec, order, starts, bxyz = particles.rec, particles.order, blocks.starts, blocks.bxyz
-    falls, ground, layer = column[0], column[1], column[2]
+    falls, ground = column[0], column[1]
     for b in prange(blocks.nown):
         m = corner[0] + 4 * bxyz[b, 0] - first[0]
         n = corner[1] + 4 * bxyz[b, 1] - first[1]
@@ -180,7 +180,7 @@ def sink(particles, blocks, corner, h, column, first):
         for c in range(64):
             i = m + (c >> 4)
             j = n + ((c >> 2) & 3)
-            nine, floor, room = _nine_of(falls, i, j), _nine_of(ground, i, j), _nine_of(layer, i, j)
+            nine, floor = _nine_of(falls, i, j), _nine_of(ground, i, j)
             level = np.float64(corner[2] + 4 * bxyz[b, 2] + (c & 3))
             for t in range(starts[b, c], starts[b, c + 1]):
                 p = order[blocks.first[b] + t]
@@ -188,7 +188,8 @@ def sink(particles, blocks, corner, h, column, first):
                 base = surface_at(floor, fx, fy)
                 of_its_own = particles.particle_index[p] if len(particles.radius) > 1 else 0
                 touching = np.float64(particles.radius[of_its_own]) / normal_z(base[1] / h[0], base[2] / h[1])
-                way = sunk((level + fz) * h[2] - base[0], surface_at(nine, fx, fy)[0], surface_at(room, fx, fy)[0], touching)
+                chance = chance_at(np.float64(i + first[0]) + fx, np.float64(j + first[1]) + fy, turn)
+                way = sunk((level + fz) * h[2] - base[0], surface_at(nine, fx, fy)[0], touching, chance)
                 lower = real(max(fz - way / h[2], 0.5))
                 moved = rec[p, 12] - lower
                 for k in range(3):
