@@ -44,9 +44,9 @@ def chance_at(x: Any, y: Any, turn: Any):
 def sunk(height: Any, fall: Any, touching: Any, chance: Any):
     """Way [m] by which a particle at a ``height`` [m] above its ground sinks when that falls by ``fall`` [m].
 
-    A particle touches the ground at the height ``touching`` [m] and stands for a layer of twice that. Where the ground falls, eroded
-    mass takes the place of a part fall / (2 touching) of this layer, by ``chance`` from 0 to 1, and all above stays where it is.
-    The rest of the layer sinks with the ground and keeps its contact.
+    A particle touches the ground at the height ``touching`` [m] and stands for a layer of twice that. Where the ground falls,
+    eroded mass takes the place of a part fall / (2 touching) of the layer, by ``chance`` from 0 to 1, and all above stays where it
+    is. The rest of the layer sinks with the ground and keeps its contact.
     """
     layer = real(2.0) * touching
     if height >= layer or chance * layer < fall:

@@ -232,7 +232,7 @@ class ErodingBed:
         self.coefficients.make(count, first)  # mass may have left these nodes before the run was resumed
         nodes = np.nonzero(count)
         i, j = (np.repeat(index, count[nodes]) for index in nodes)
-        newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass)
+        newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass, columns)
         self._book(columns, newborn, i + first[0], j + first[1])
         if len(self.scene.materials) > 1:
             assert isinstance(engine, WindowBackend)
@@ -262,8 +262,11 @@ class ErodingBed:
         )
         return along, across
 
-    def _particles_at(self, i: np.ndarray, j: np.ndarray, releases: np.ndarray, mass: np.ndarray) -> Particles:
-        """Particles at rest on the ground, of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,)."""
+    def _particles_at(self, i: np.ndarray, j: np.ndarray, releases: np.ndarray, mass: np.ndarray, columns: Columns) -> Particles:
+        """Particles at rest on the ground, of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,).
+
+        They bear the flow above them from the beginning, each on the area of its volume over the layer that it stands for.
+        """
         number, raster = self.born + np.arange(len(i)), self.scene.raster
         x, y = (
             np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
@@ -282,9 +285,17 @@ class ErodingBed:
             stays = self.scene.pore_table()["equilibrium"][releases]
             ratio = self.bed.pore_pressure_ratio
             newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
+        self._bear(newborn, columns.at(i, j)[4] / self.area, np.array([east, north]))
         self._note_births(newborn.identity)
         self.born += len(i)
         return newborn
+
+    def _bear(self, newborn: Particles, load: np.ndarray, slopes: np.ndarray) -> None:
+        """Put the force of the ground on particles under a ``load`` (n,) [kg/m2] by area of the plan, on ``slopes`` (2, n) [1]."""
+        physics = array_binding()
+        normal = physics.heightfield.upward_normal(*slopes)
+        stress = physics.bed.normal_stress(load, normal[2], self.scene.gravity, normal)
+        newborn.ground_force[:] = (stress * newborn.volume / (2.0 * newborn.radius) * np.array(normal)).T
 
     def _note_births(self, identity: np.ndarray) -> None:
         """Add consecutive identities (n,) to :attr:`spans`."""

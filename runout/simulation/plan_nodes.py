@@ -45,13 +45,18 @@ class Columns:
         (i, j), (n, m) = self.begin, self.shape
         return self.sums[4, i : i + n, j : j + m]
 
-    def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part and without mass."""
+    def at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """Sums (5, n) at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part."""
         a, b = i - self.first[0], j - self.first[1]
         inside = (a >= 0) & (a < self.shape[0]) & (b >= 0) & (b < self.shape[1])
-        speed, own = np.zeros(len(i)), self.sums[:, a[inside] + self.begin[0], b[inside] + self.begin[1]]
-        speed[inside] = np.sqrt((own[1:4] ** 2).sum(axis=0)) / np.maximum(own[4], np.finfo(float).tiny)
-        return speed
+        found = np.zeros((5, len(i)))
+        found[:, inside] = self.sums[:, a[inside] + self.begin[0], b[inside] + self.begin[1]]
+        return found
+
+    def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part and without mass."""
+        own = self.at(i, j)
+        return np.sqrt((own[1:4] ** 2).sum(axis=0)) / np.maximum(own[4], np.finfo(float).tiny)
 
 
 class GroundCoefficients:
