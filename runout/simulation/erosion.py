@@ -3,9 +3,9 @@
 An update takes the columns of the flow and adds what the law erodes to what each node owes. 2 x 2 nodes together give birth to
 what they owe, rounded to whole particles, at the node that owes most: at rest, without stress, at the lowered ground, with the
 number and the density of the mass above, and with the pore pressure of the bed. They join the running backend, which lowers its
-ground by all that is eroded, so that it stays smooth; maps and ledger hold what became particles. The flow sinks with its ground,
-without a fall: else it would lose contact and stress at each lowering, and newborn particles alone would bear it meanwhile. The
-grid passes momentum to these in the next transfer.
+ground by all that is eroded, so that it stays smooth; maps and ledger hold what became particles. New particles take the place
+of a part of the lowest layer and bear what lies above; the rest of that layer sinks with the ground, and the flow above stays where
+it is (:func:`runout.physics.bed.sunk`). The grid passes momentum to new particles in the next transfer.
 
 Updates come when births are due, and so often that between two of them the fastest particle goes two cells and the bed falls by
 2 % of a cell at most.
@@ -211,7 +211,7 @@ class ErodingBed:
         return along, across
 
     def _give_birth(self, engine: Backend, columns: Columns, goes_on: bool) -> None:
-        """Particles for what pools of nodes owe (:func:`births`); the ground falls by all that is eroded, and the flow with it.
+        """Particles for what pools of nodes owe (:func:`births`); the ground falls by all that is eroded.
 
         Where nothing is eroded any more, so that no erosion ``goes_on``, wider pools collect what is left of particles.
         """
