@@ -12,6 +12,7 @@ from runout.config.document import dotted, read_document
 from runout.errors import ConfigError, InputError, StructureError
 
 T = TypeVar("T")
+NO_UNIT = r"(?!\w{1,3}(?![\w/-]|\.\w))"  # `m2/s` and `kg/m3` are no files of sites that are called m2 and kg
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def entry_number(file: Path, block: str, name: str) -> int:
 def within_site(text: str, folder: Path) -> str:
     """A message whose paths in the folder of a site are relative to it, as site.yaml states them."""
     text = without_folder(text, os.path.abspath(folder))
-    return without_folder(text, str(folder)) if folder.name not in ("", "..") else text
+    return without_folder(text, str(folder), NO_UNIT) if folder.name not in ("", "..") else text
 
 
 def without_folder(text: str, folder: str, prefix: str = "") -> str:

@@ -103,6 +103,8 @@ def test_faults_of_elevations_zones_and_obstacles_name_their_lines(edited, site_
         ("s", "../s/a.tif, ~s/a.tif, my-s/a.tif, HERE/others/s/a.tif", "../s/a.tif, ~s/a.tif, my-s/a.tif, HERE/others/s/a.tif"),
         ("s", "HERE/s/inputs/dem.vrt: its source `s/x.tif`", "inputs/dem.vrt: its source `x.tif`"),
         ("süd (1)", "süd (1)/inputs/dem.tif", "inputs/dem.tif"),
+        ("m2", "m2/a.tif, m2/s/dem, m2/s: 3 m2/s and 2 m2/s.", "a.tif, s/dem, m2/s: 3 m2/s and 2 m2/s."),
+        ("kg", "kg/dem.tif of 2000 kg/m3", "dem.tif of 2000 kg/m3"),
         ("..", "../../a.tif: lies outside", "../../a.tif: lies outside"),
         (".", "inputs/./a.tif, HERE/inputs/dem.tif", "inputs/./a.tif, inputs/dem.tif"),
     ],
