@@ -52,8 +52,8 @@ FULL = """Each cell has the choice by reaches 1, 3 and 5, then that by reaches 2
   south.
 - *Chosen by*, all in the three reaches alone: `net`, this error; `gross`, that of the volumes lowered and raised, which erosion
   and deposits cannot compensate; `map`, root of the mean squared error of changes averaged over 3 x 3 cells, the whole map
-  without its error of position; `areas`, `gross` over the observed volumes, and 1 - CSI. The four were set before a choice was
-  judged.
+  without its error of position; `areas`, `gross` over the observed volumes, and 1 - CSI. The last three were set before a
+  choice was judged by them.
 - *Agreement*: of the areas with a change of 0.5 m or more, within one cell. Both it and the CSI are of all six reaches.
 - *Rank correlation*, over all members: of the criterion on one half with the error on the other.
 
@@ -67,7 +67,7 @@ deposit in each of reaches 3, 4 and 6:
   the halves by {mean_errors} m³; the mean of the {several} that `net` chooses misses the other half by {several_errors} m³. One
   half says little about the other: the rank correlations with `ramms` are {rho_low:.2f} to {rho_high:.2f}.
 - `map` has the smaller errors of the mean of the best {several} on both halves for `growth`, `energy` and landlab, not for
-  `ramms`. Importance weights with an effective sample of 16 members do not change these findings.
+  `ramms`. Weights by the criteria, of 16 effective members, give 12397 to 15536 m³ with `ramms`.
 - **{deposits} of {members} members with `ramms` leave half of the observed deposit in each of reaches 3, 4 and 6**, {ll_deposits}
   of {automata} automata do.
 - A CSI of 0.50 and an agreement of 0.85 were aimed at as well. Two members with `ramms` and 2 automata have both, none with
@@ -92,18 +92,18 @@ least ratio 0.4 to 0.8, span to 0.5, friction 20 to 32 deg, ratio of the bed 0.3
 it, thus both halves did. Drag: Voellmy, xi 100 to 1000 m/s², and 0.1 to 5 kPa without load. Drainage: 1e-5 to 1e-2 m²/s,
 saturation 0 to 1, least ratio 0 to 0.8, span to 0.95, blocks of 10 to 80 m. Ranges were set before the runs.
 
-- **No change reaches the goal, and no choice that met it holds when it is drawn again.** `energy`, which meets it above, misses by
-  12019 and 18068 m³ by `net` and by 13324 and 18068 m³ by `gross` with 64 other draws. `map` chose members of `growth` with errors of
-  9647 and 7522 m³ among the first 32.
-- **What is missing is a flow that leaves mass behind and still runs on.** Members with 3000 m³ or more in reach 6 leave nothing in
+- **No choice that meets the goal holds when members are drawn again.** `energy`, which meets it above, misses the other halves by
+  12019 and 18068 m³ by `net`, and 13324 and 18068 m³ by `gross`, with 64 other draws. `map` chose members of `growth` with errors
+  of 9647 and 7522 m³ among the first 32, of 9647 and 20052 m³ among 64.
+- **What is missing is a flow that leaves mass behind and runs on.** Members with 3000 m³ or more in reach 6 leave nothing in
   reach 3 in the median, with each law, saturated and draining; the automata among them leave 2834 m³. Drag holds all mass above
   reach 6.
 - **The arrangement of the blocks decides as much as the numbers.** With the numbers that `net` chooses for `ramms`, 12 other
   arrangements have errors of 11287 to 17688 m³ and 8345 to 18633 m³ on the other half. The second ones err by 2323 to 9237 m³ on
   the half that chose them, which the chosen one fits to 1072 m³.
-- **Cells matter as much.** Six members with the least errors at 5 m, 15554 to 18016 m³ over all reaches, have 16426 to 24577 m³
+- **Cells matter as much.** Six members with small errors at 5 m, 15554 to 18016 m³ over all reaches, have 16426 to 24577 m³
   at 3 m; the best becomes the third. The member that `net` chooses by reaches 2, 4 and 6 errs there by 9729 m³ at 3 m.
-- At 400 s in place of 150 s the volumes of the reaches differ by 390 m³ at most.
+- At 400 s in place of 150 s the volumes of reaches differ by 390 m³ at most.
 
 ## The spread of the members
 
@@ -130,7 +130,7 @@ Cells of {cell:g} m. {tables}.
 GOAL = 12e3  # [m3], error on the other half that was aimed at
 VERDICT = (
     "At most 12 000 m³ on the other half, for both choices, were aimed at. With `ramms` the larger error is {low:.0f} to "
-    "{high:.0f} m³, by criterion; landlab's is {ll_low:.0f} to {ll_high:.0f} m³. Of the other laws {met}."
+    "{high:.0f} m³, by criterion; landlab's is {ll_low:.0f} to {ll_high:.0f} m³. Of the other laws, {met}."
 )
 
 
@@ -160,7 +160,7 @@ def _words(results: Mapping[str, Any]) -> dict[str, Any]:
     own, landlab, beds = results["runout"], results["landlab"], {row["bed_ratio"]: row for row in results["bed_ratios"]}
     errors, of_landlab = (sorted(max(_pair(model, key, "error")) for key in CRITERIA) for model in (own, landlab))
     cases = [(law, key) for law in LAW_RANGES for key in CRITERIA if max(_pair(results[law], key, "error")) <= GOAL]
-    met = ", ".join(f"`{law}` meets it by `{key}`" for law, key in cases) or "none meets it"
+    met = "those that meet it are " + ", ".join(f"`{law}` by `{key}`" for law, key in cases) if cases else "none meets it"
     correlations = [half["rank_correlation"] for half in own["halves"]]
     return {
         "verdict": VERDICT.format(low=errors[0], high=errors[-1], ll_low=of_landlab[0], ll_high=of_landlab[-1], met=met),
