@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+import runout
 from runout.scores import Thalweg
-from runout.studies.validation_cases import cascades_2021_fit, flume, maipo
+from runout.studies.validation_cases import cascades_2021, cascades_2021_fit, flume, maipo
 
 
 def test_the_choice_for_a_flow_does_not_see_it():
@@ -35,19 +36,85 @@ def test_the_slope_of_reach_of_others_meets_the_ground_where_it_must():
     assert rows[0]["length_error"] == pytest.approx(0.25, abs=0.01)
 
 
+def event_of(observed):
+    """An event on level ground, of the rows of Cascades 2021 and three columns of cells."""
+    return cascades_2021.Event(runout.Terrain(np.zeros(observed.shape), (10.0, 10.0)), None, observed)
+
+
+def change_of(*volumes, column=1):
+    """Change of the ground [m] with a net volume [1000 m3] in the second row of each reach."""
+    change = np.zeros((cascades_2021.REACH_ROWS[-1], 3))
+    for row, volume in zip(cascades_2021.REACH_ROWS, volumes, strict=False):
+        change[row + 1, column] = 10.0 * volume
+    return change
+
+
+def member(event, change):
+    return {"change": change, "numbers": {}} | cascades_2021.compared(event, change)
+
+
+def chosen(event, *changes):
+    rows = cascades_2021_fit.by_halves(event, [member(event, change) for change in changes])
+    return {(row["criterion"], row["fitted"][0]): row for row in rows}
+
+
 def test_halves_choose_on_one_half_and_judge_on_the_other():
-    rows = [
-        {"reach_volumes": volumes, "numbers": {}, "csi": 0.0, "agreement": 0.0, "erosion_volume": 0.0, "deposition_volume": 0.0}
-        for volumes in ([-5.0, 9.0, 1.0, 9.0, 1.0, 9.0], [0.0, 2.0, 0.0, 2.0, 0.0, 2.0])
-    ]
-    first, second = cascades_2021_fit.by_halves(rows, [-5.0, 2.0, 1.0, 2.0, 1.0, 2.0])
-    assert (first["error_fitted"], first["error"]) == (0.0, 21.0)
-    assert (second["error_fitted"], second["error"], second["least"]) == (0.0, 7.0, 0.0)
-    assert second["error_of_several"] == pytest.approx(3.5)
-    assert (second["fitted_several"], second["least_several"], second["most_several"]) == (21.0, 0.0, 7.0)
+    event = event_of(change_of(-5, 2, 1, 2, 1, 2))
+    rows = chosen(event, change_of(-5, 9, 1, 9, 1, 9), change_of(0, 2, 0, 2, 0, 2))
+    assert set(rows) == {(name, first) for name in ("net", "gross", "map", "areas") for first in (0, 1)}
+    for name in ("net", "gross", "map", "areas"):
+        first, second = rows[name, 0], rows[name, 1]
+        assert (first["error_fitted"], first["error"]) == pytest.approx((0.0, 21e3))
+        assert (second["error_fitted"], second["error"], second["least"]) == pytest.approx((0.0, 7e3, 0.0))
+        assert second["error_of_several"] == pytest.approx(3.5e3)
+        assert (second["least_several"], second["most_several"]) == pytest.approx((0.0, 7e3))
 
 
-ALL_RANGES = [cascades_2021_fit.RANGES, cascades_2021_fit.WIDER_RANGES, *cascades_2021_fit.LAW_RANGES.values()]
+def test_no_criterion_sees_the_other_half():
+    """Changes of the rows of the other half leave each criterion as it is, also beside the end of a reach."""
+    change, other = change_of(-5, 2, 1, 2, 1, 2), change_of(-3, 2, 3, 2, 3, 2)
+    rows = np.arange(len(change))
+    for half, judged in (cascades_2021_fit.HALVES, cascades_2021_fit.HALVES[::-1]):
+        outside = np.isin(event_of(change).reaches.number[:, 1], judged)
+        altered, observed = other.copy(), change.copy()
+        altered[rows[outside]] += 7.0
+        observed[rows[outside]] -= 4.0
+        before = cascades_2021_fit.mismatches(event_of(change), other[None], half)
+        after = cascades_2021_fit.mismatches(event_of(observed), altered[None], half)
+        assert all(after[name] == pytest.approx(before[name]) for name in before)
+
+
+def test_gross_volumes_see_erosion_and_deposits_that_compensate():
+    event = event_of(change_of(-5, 2, 1, 2, 1, 2))
+    both = change_of(-5, 2, 1, 2, 1, 2) + change_of(0, 0, 3, column=0) + change_of(0, 0, -3, column=2)
+    found = cascades_2021_fit.mismatches(event, np.array([both, change_of(-5, 2, 1, 2, 1, 2)]), [0, 2, 4])
+    assert found["net"] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert found["gross"] == pytest.approx([6e3, 0.0])
+    assert found["areas"] == pytest.approx([6e3 / 7e3 + 1.0 - 3.0 / 5.0, 0.0])
+    assert found["map"][0] > found["map"][1] == 0.0
+
+
+def test_a_map_that_is_off_by_one_cell_is_better_than_one_that_is_off_by_two():
+    event = event_of(change_of(0, 0, 5, column=0))
+    near, far = change_of(0, 0, 5, column=1), change_of(0, 0, 5, column=2)
+    values = cascades_2021_fit.mismatches(event, np.array([near, far]), [0, 2, 4])["map"]
+    assert 0.0 < values[0] < values[1]
+
+
+def test_the_mean_of_all_members_belongs_to_no_half():
+    event = event_of(change_of(-5, 2, 1, 2, 1, 2))
+    rows = [member(event, change_of(-5, 9, 1, 9, 1, 9)), member(event, change_of(-5, 1, 3, 1, 1, 2))]
+    assert cascades_2021_fit.of_all(event, rows)["errors"] == pytest.approx([1e3, 9.5e3])
+
+
+def test_members_are_counted_that_leave_half_of_each_deposit():
+    event = event_of(change_of(-5, 0, 4, 6, 0, 2))
+    volumes = ((-5, 0, 2, 3, 0, 1), (-5, 9, 9, 9, 9, 9), (-5, 0, 1.9, 6, 0, 2), (-5, 0, 4, 6, 0, 0))
+    rows = [member(event, change_of(*volume)) for volume in volumes]
+    assert cascades_2021_fit.of_all(event, rows)["with_deposits"] == 2
+
+
+ALL_RANGES = [cascades_2021_fit.RANGES, *cascades_2021_fit.LAW_RANGES.values()]
 
 
 @pytest.mark.parametrize("ranges", ALL_RANGES)
