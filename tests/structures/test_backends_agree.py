@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import Box, between, field_of_boxes
-from scenes import ROCK, SAND, box, engine_of, loaded, plane, scene
+from scenes import HARD, SAND, box, engine_of, loaded, plane, scene
 
 from runout.backends.protocol import get_backend
 from runout.backends.scan.kernels import kernels_for
@@ -116,8 +116,8 @@ def test_a_patch_that_is_not_there_is_refused():
 def test_particles_that_start_inside_do_no_harm():
     """They are refused where structures are made; here they stay, and gain no energy."""
     wall = field_of_boxes([between((34, 26, -2), (38, 34, 6))], 0.5, 2.5)
-    particles = box((33, 28, 0), (4, 4, 3), CUBES, density=ROCK.density)
-    engine = loaded(engine_of("scan"), scene(plane(), structures=wall, friction=(0.5,)), particles)
+    particles = box((33, 28, 0), (4, 4, 3), CUBES, density=HARD.density)
+    engine = loaded(engine_of("scan"), scene(plane(), structures=wall, friction=(0.5,), materials=(HARD,)), particles)
     start = engine.ledger()
     step(engine, 100)
     row = engine.ledger()

@@ -1,11 +1,11 @@
 """Contact with structures: momentum is handed over, walls do not leak, roofs carry, and the balance of momentum closes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boxes import FACES, Box, between, field_of_boxes
-from scenes import SAND, at, box, engine_of, loaded, plane, scene
-
-from runout import Elastic
+from scenes import HARD, SAND, at, box, engine_of, loaded, plane, scene
 
 CUBES = (1.0, 1.0, 1.0)
 LATTICE, BAND = 0.5, 2.5  # [m]
@@ -41,7 +41,7 @@ def test_a_block_without_friction_hands_its_momentum_to_the_wall(backend):
     structures = field(WALL)
     particles = box((35, 29, 0), (3, 3, 2), CUBES)
     particles.velocity[:, 0] = 4.0
-    loaded(backend, scene(plane(), structures=structures, friction=(0.0,)), particles)
+    loaded(backend, scene(plane(), structures=structures, friction=(0.0,), materials=(HARD,)), particles)
     time = advance(backend, 1.2)
     row, of_facade = backend.ledger(), on_facades(backend, structures)
     assert row.momentum[0] < 0.0  # an elastic block bounces
@@ -127,7 +127,7 @@ def test_a_column_of_a_fluid_presses_on_its_walls_with_rho_g_h_squared_by_two(ba
         between((low - 2, low - 2, -2), (low, high + 2, 9)), between((high, low - 2, -2), (high + 2, high + 2, 9)),
         between((low, low - 2, -2), (high, low, 9)), between((low, high, -2), (high, high + 2, 9)),
     )  # fmt: skip
-    structures, fluid = field(*walls), Elastic(density=1000.0, youngs_modulus=3e6, poisson_ratio=0.49)
+    structures, fluid = field(*walls), replace(HARD, density=1000.0, youngs_modulus=3e6, poisson_ratio=0.49)
     particles = box((low, low, 0), (width, width, height), CUBES, fluid.density)
     depth = height - particles.position(np.ones(3))[:, 2]
     particles.strain[:, 2] = np.expm1(-2.0 * fluid.density * 9.81 * depth / (fluid.lame_lambda + 2.0 * fluid.shear_modulus))

@@ -11,7 +11,7 @@ from unittest.mock import patch
 import pytest
 from scenes import SAND
 
-from runout import Voellmy
+from runout import Coulomb
 from runout.backends.protocol import get_backend
 from runout.backends.scan.warm_up import side_wall, small_slope
 
@@ -61,7 +61,7 @@ def test_a_run_without_structures_compiles_no_code_of_structures(backend):
 
 
 def test_no_kernel_of_structures_runs_where_no_mass_is_near():
-    slope, particles = small_slope((SAND,), (Voellmy(mu=0.2, xi=500.0),), "float64")
+    slope, particles = small_slope((SAND,), (Coulomb(friction_angle=20.0),), "float64")
     slope = replace(slope, friction_zones=None)
     calls = []
     for origin in ((0.0, 0.0, -8.0), (4000.0, 4000.0, -8.0)):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from boxes import Box
-from scenes import at, engine_of, loaded, plane, scene
+from scenes import HARD, at, engine_of, loaded, plane, scene
 
 from runout.model.terrain import Terrain
 from runout.simulation.structure_forces import StructureForces
@@ -33,7 +33,11 @@ def forces_of_a_sheet(box, structures):
     x = np.stack(np.meshgrid(-box.half[0] - 0.25, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
     particles = at(x @ box.axes + np.array([*box.centre[:2], 0.0]), CUBES)
     particles.radius[:], particles.velocity[:] = 0.4, 2.0 * box.axes[0]
-    engine = loaded(engine_of("scan"), scene(plane(height=-5.0), structures=structures.field, gravity=(0.0, 0.0, 0.0)), particles)
+    engine = loaded(
+        engine_of("scan"),
+        scene(plane(height=-5.0), structures=structures.field, gravity=(0.0, 0.0, 0.0), materials=(HARD,)),
+        particles,
+    )
     engine.step(1e-3)
     touching, impulses = engine.structures.touching, np.zeros((1, len(structures.field.patches.area), 3))
     for first, number in zip(touching.place, touching.number, strict=False):

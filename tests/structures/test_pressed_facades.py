@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from boxes import Box
-from scenes import at, loaded, plane, scene
+from scenes import HARD, at, loaded, plane, scene
 
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
@@ -35,7 +35,7 @@ def grains(box, low, high):
 
 def pressed(backend, structures, particles):
     """Impulse [N s] on each facade (facades, 3) after :data:`DURATION`, and its outward normal (facades, 3)."""
-    loaded(backend, scene(plane(), structures=structures.field, friction=(0.0,)), particles)
+    loaded(backend, scene(plane(), structures=structures.field, friction=(0.0,), materials=(HARD,)), particles)
     time = 0.0
     while time < DURATION:
         dt = backend.stable_step()
