@@ -178,7 +178,8 @@ class Store:
         for name in ("rec", "state", "particle_index", "cell"):
             values = getattr(self.particles, name)
             values[target] = values[source]
-        self.particles.pores[:, target] = self.particles.pores[:, source]
+        if len(pores := self.particles.pores):
+            pores[:, target] = pores[:, source]
 
     def leave_hole(self, first: int, slots: int) -> None:
         """Note so many slots that a block has left, if the list has room."""
