@@ -184,7 +184,7 @@ def expected_memory(
             backend = bytes_on_device(*sizes, precision, field, friction, one.mixed, scheme.substeps)
             return backend + pore_bytes(one, precision)
         backend = host_bytes(one.particles, one.occupied, one.owners, one.nodes, precision, friction)
-        return backend + (structure_bytes(field, one, precision) if field else 0) + pore_bytes(one, precision, scheme.substeps > 1)
+        return backend + (structure_bytes(field, one, precision) if field else 0) + pore_bytes(one, precision, on_cpu=True)
 
     try:
         backend = of_backend(extent)
@@ -195,13 +195,14 @@ def expected_memory(
     return MemoryForecast(backend, of_host(extent), on_device, extent, growing)
 
 
-def pore_bytes(extent: Extent, precision: str, by_slot: bool = False) -> int:
+def pore_bytes(extent: Extent, precision: str, on_cpu: bool = False) -> int:
     """Memory [byte] of pore pressure: two numbers a particle at most, and the layers in which it drains; 0 without any.
 
-    With ``by_slot`` scan has these by slot as well, and the release where there are several.
+    The backend scan, ``on_cpu``, has the release of each particle too where there are several, and the masses of the nodes.
     """
-    number, numbers = 4 if precision == "float32" else 8, 2 + by_slot * (2 + (extent.wet > 1))
-    return number * (numbers * extent.particles + PLAN * (extent.owners * extent.wet + extent.nodes)) if extent.wet else 0
+    number, numbers = 4 if precision == "float32" else 8, 2 + on_cpu * (extent.wet > 1)
+    layers = PLAN * ((1 + on_cpu) * extent.owners * extent.wet + (1 + 4 * on_cpu) * extent.nodes)
+    return number * (numbers * extent.particles + layers) if extent.wet else 0
 
 
 def structure_bytes(structures: StructureField, extent: Extent, precision: str) -> int:

@@ -16,7 +16,6 @@ from runout.backends.lanes import (
     lane_largest,
     lane_sum,
     largest,
-    listed_numbers,
     listed_record_vectors,
     load4,
     load8,
@@ -188,19 +187,6 @@ def test_listed_records_are_loaded_from_where_the_list_says(real):
     numbers, columns = np.random.default_rng(2).integers(0, 30, 18).astype(np.int32), np.zeros((16, 16), real)
     ran(turn, records, numbers, columns)
     np.testing.assert_array_equal(columns, records[numbers[2:]].T)
-
-
-@both
-def test_listed_numbers_are_the_first_of_their_rows_in_the_type_of_another_array(real):
-    def gather(values, labels, numbers, out):
-        store(out, 0, listed_numbers(out, values, numbers, 2))
-        store(out, 16, listed_numbers(out, labels, numbers, 1))
-
-    values, labels, out = lanes(real, 2), np.arange(64, dtype=np.int32).reshape(32, 2), np.zeros(32, real)
-    numbers = np.random.default_rng(2).integers(0, 32, 18).astype(np.int32)
-    ran(gather, values, labels, numbers, out)
-    np.testing.assert_array_equal(out[:16], values[numbers[2:]])
-    np.testing.assert_array_equal(out[16:], labels[numbers[1:17], 0])
 
 
 @both

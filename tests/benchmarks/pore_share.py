@@ -37,7 +37,9 @@ DRAINS = PorePressure(ratio=SMALL, diffusivity=1e-3)
 CASES: dict[str, tuple[PorePressure, ...]] = {
     "decay": (DECAYS,), "ratios": (DECAYS,), "two": (DECAYS, OTHER), "diffusivity": (DRAINS,), "births": (DRAINS,),
 }  # fmt: skip
-SHOWN = "grid_to_particles", "substep", "solve_contacts", "thin_layers", "others", "step"
+SHOWN = (
+    "grid_to_particles", "substep", "solve_contacts", "particles_to_nodes_over_ground", "thin_layers", "others", "step",
+)  # fmt: skip
 ROUNDS = 6  # of runs that load anew: where arrays lie in memory counts too
 
 
@@ -111,7 +113,7 @@ def compare(cases: list[str], particles: int, steps: int, substeps: int) -> None
                 for name in SHOWN:
                     times[name] += run.seconds[name]
     print(f"transfers of {substeps}; {runs[cases[0]][0].n} particles; ns a particle and substep")
-    print(f"{'case':>12} {'':>14}", *(f"{name:>18}" for name in SHOWN), f"{'% of a step':>18}")
+    print(f"{'case':>12} {'':>14}", *(f"{name:>30}" for name in SHOWN), f"{'% of a step':>30}")
     for case, (dry, wet) in times_of.items():
         a, b = ({name: np.array(times[name]) for name in SHOWN} for times in (dry, wet))
         lowest = {name: b[name].min() - a[name].min() for name in SHOWN}
@@ -120,7 +122,7 @@ def compare(cases: list[str], particles: int, steps: int, substeps: int) -> None
         for label, row in (("dry, least", base), ("more, least", lowest), ("more, paired", paired)):
             parts = sum(row[name] for name in SHOWN[:-2])
             share = 100.0 * parts / (base["step"] if "least" in label else float(np.median(a["step"])))
-            print(f"{case:>12} {label:>14}", *(f"{row[name]:18.3f}" for name in SHOWN), f"{share:18.2f}", flush=True)
+            print(f"{case:>12} {label:>14}", *(f"{row[name]:30.3f}" for name in SHOWN), f"{share:30.2f}", flush=True)
 
 
 def main() -> None:

@@ -10,7 +10,6 @@ Loads are not checked against the bounds of an array: pad it by one vector.
 """
 
 from runout.backends.lanes.memory import (
-    listed_numbers,
     listed_record_vectors,
     load4,
     load8,
@@ -44,7 +43,6 @@ __all__ = [
     "lane_largest",
     "lane_sum",
     "largest",
-    "listed_numbers",
     "listed_record_vectors",
     "load4",
     "load8",

@@ -196,26 +196,6 @@ def listed_record_vectors(width: int) -> Any:
     return load
 
 
-@intrinsic
-def listed_numbers(typing: Any, like: Any, values: Any, numbers: Any, place: Any) -> Any:
-    """Vector, of the number type of ``like``, of the first entries of 16 rows of ``values``, by ``numbers`` from ``place`` on."""
-    kind = Vec(like.dtype, LANES)
-
-    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        array = context.make_array(sig.args[1])(context, builder, args[1])
-        width = cgutils.unpack_tuple(builder, array.shape)[1] if sig.args[1].ndim == 2 else ir.Constant(WORD, 1)
-        which = pointer(context, builder, sig.args[2], args[2], args[3], sig.args[3])
-        found = ir.Constant(context.get_value_type(kind), ir.Undefined)
-        for i in range(LANES):
-            number = builder.sext(builder.load(builder.gep(which, [ir.Constant(WORD, i)])), WORD)
-            value = builder.load(builder.gep(array.data, [builder.mul(number, width)]))
-            value = context.cast(builder, value, sig.args[1].dtype, like.dtype)
-            found = builder.insert_element(found, value, ir.Constant(ir.IntType(32), i))
-        return found
-
-    return kind(like, values, numbers, place), emit
-
-
 def row_vectors(count: int, stride: int) -> tuple[Any, Any]:
     """(load, store) of ``count`` vectors that lie ``stride`` numbers apart in a flat array."""
     return _row_loader(count, stride), _row_writer(count, stride)

@@ -106,7 +106,7 @@ class ScanBackend:
         index, slots = placed(s, self.index.blocks, nodes - corner.astype(np.int32), MOST_IN_A_BLOCK)
         volume = particles.sums(self.scene.densities).mean_volume
         t.particle_volume = joined_mean(t.particle_volume, len(s.particles.label), volume, len(particles))
-        s.join(slots, particles, self.scene, stamp_of(self.counters.steps))
+        s.join(slots, index.blocks, particles, self.scene, stamp_of(self.counters.steps))
         self._pack_stress(slots)
         self.workers.divide(len(s.particles.label))
         if self.structures:
@@ -185,7 +185,7 @@ class ScanBackend:
         self.store = Store.of(capacity(end), end, n, self.scene)
         for part, chunk in slices(particles):
             self.store.put(rank[part], slot, chunk, self.scene)
-        self.store.share_numbers(self.scene)
+        self.store.share_numbers(slot, self.scene)
         self.lowered: list[tuple[tuple[int, int], tuple[int, ...]]] = []
         self._rebuild(found)
         self.k.mark_slots(self.store.particles, self.index.blocks)
@@ -399,7 +399,7 @@ class ScanBackend:
             self.store.particles, b, w.schedule.cuts, w.arenas.reached, w.grid.nodes, columns, w.moves,
             t.domain, grid.wet_step(self.store, t, w, substeps == 1), self.workers.buffers, substeps == 1,
         )  # fmt: skip
-        grid.advance_pores(self.store, t, w)
+        grid.advance_pores(self.store, w, ends=True)
         if refused > 0:
             raise StabilityError(
                 f"a particle moved {step:.3g} cells in step {self.counters.steps} of {dt:.3g} s at {math.sqrt(speed2):.3g} m/s; "

@@ -39,7 +39,7 @@ def save(parts: Saved) -> State:
     """The state between two steps; its arrays are those of the backend and change with its next step."""
     tables, store, blocks, travelled, totals, counters = parts
     state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.")
-    state |= arrays_of(store, ("pore_present",), "store.")
+    state |= arrays_of(store, prefix="store.")
     state |= {f"seconds.{stage}": np.asarray(value) for stage, value in counters.seconds.items()}
     state |= arrays_of(SimpleNamespace(**blocks._asdict()), prefix="blocks.")
     particles = arrays_of(SimpleNamespace(**store.particles._asdict()), (*SCRATCH, "radius"), "particles.")
@@ -65,7 +65,7 @@ def _store(scene: Scene, state: State) -> Store:
     slots, saved = int(state["slots"]), part(state, "particles.")
     numbers = {name: plain(value) for name, value in part(state, "store.").items()}
     particles: Particles = empty_slots(slots, scene)._replace(
-        force=saved["force"], label=saved["label"], radius=_one_for_all(numbers["radius"])
+        force=saved["force"], label=saved["label"], radius=_one_for_all(numbers["radius"]), pores=saved["pores"]
     )
     for name in BY_SLOT:
         if name not in SCRATCH:

@@ -36,7 +36,7 @@ def fill(k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace,
 
     def run(schedule: Pass) -> int:
         w = workspace
-        return int(k.particles_to_nodes(store.particles, blocks, schedule, w.arenas, w.grid.nodes, tables.constants.dv))
+        return int(k.particles_to_nodes(store.particles, blocks, schedule, w.arenas, w.grid, tables.constants.dv))
 
     while (wanted := run(workspace.schedule.early)) > workspace.arenas.free.shape[1]:
         workspace.make_arenas(wanted)
@@ -109,33 +109,39 @@ def substep(
     dissipated = run(workspace.schedule.early)
     if workspace.schedule.waits:
         run(workspace.schedule.late)
-    advance_pores(store, tables, workspace)
+    advance_pores(store, workspace, ends=False)
     return dissipated
 
 
 def drain(k: SimpleNamespace, blocks: Blocks, workspace: Workspace, tables: Tables) -> None:
     """Find how fast pore pressure drains in this transfer, from the mass of the nodes; nothing in a dry scene."""
     w, c, dt = workspace, tables.constants, tables.step.dt
-    if w.layers and not (w.layers.noted == dt).any():
-        k.thin_layers(blocks, w.arenas.reached, w.grid, w.layers, tables.pores, c, dt)
-        w.layers.noted[:] = dt
+    if w.layers:
+        if not (w.layers.noted == dt).any():
+            k.thin_layers(blocks, w.grid.masses, w.layers, tables.pores, c, dt)
+            w.layers.noted[:] = dt
+        w.layers.passed[:] = w.layers.fading
 
 
 def pores_of(store: Store, tables: Tables, workspace: Workspace, begins: bool) -> Pores | tuple[()]:
     """Pore pressure of the particles as kernels take it, where a transfer ``begins`` or goes on; empty in a dry scene."""
     if not workspace.layers or store.pore_left is None or store.pore_excess is None:
         return ()
-    layers, present = workspace.layers, store.pores_by_slot(len(tables.pores))
-    return Pores(
-        store.pore_left, store.pore_excess, tables.pores, layers.fading, layers.of_block, store.drains_alike, present, begins
-    )
+    layers = workspace.layers
+    return Pores(store.pore_left, store.pore_excess, tables.pores, layers.fading, layers.passed, layers.of_block, begins)
 
 
-def advance_pores(store: Store, tables: Tables, workspace: Workspace) -> None:
-    """After a substep: advance what remains of the excess by two halves of it, where that is one number for each release."""
-    if workspace.layers and store.pore_left is not None and store.drains_alike:
-        for _ in range(2):
-            store.pore_left *= workspace.layers.fading[0, :, 0]
+def advance_pores(store: Store, workspace: Workspace, ends: bool) -> None:
+    """After a substep: go on to the middle of the next one, or, where the transfer ends, advance what all have of a release."""
+    layers = workspace.layers
+    if not layers or store.pore_left is None:
+        return
+    if not ends:
+        layers.passed[:] *= layers.fading
+        layers.passed[:] *= layers.fading
+    elif store.drains_alike:
+        store.pore_left *= layers.passed[0, :, 0]
+        store.pore_left *= layers.fading[0, :, 0]
 
 
 def wet_step(store: Store, tables: Tables, workspace: Workspace, begins: bool) -> TimeStep:

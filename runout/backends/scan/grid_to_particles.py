@@ -27,7 +27,7 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.column_drag import _add_changes
 from runout.backends.scan.domain import _lies_in_domain
-from runout.backends.scan.pore_pressure import _drain_tile, _expect_numbers
+from runout.backends.scan.pore_pressure import _drain_tile, _sort_pores
 from runout.backends.scan.stencil import (
     AHEAD,
     EVERY,
@@ -264,11 +264,13 @@ def _note_moves(t, particles, blocks, b, p, g, at_rim, domain, last, counts):
     return leaving, shifted, changed
 
 
-def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2, pores):
+def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2, row):
     """Copy the particles of a block into a buffer, sorted by cell; the records hold velocities and first moments there."""
     rec, state, order = particles.rec, particles.state, particles.order
     particle_index, cell = particles.particle_index, particles.cell
     ready = local_weights(rec)
+    if WET:
+        _sort_pores(particles.pores, order, f, held, row)
     _weigh(rec, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
     for t in range(np.uint64(held)):
         p = np.uint64(order[f + t])
@@ -282,8 +284,6 @@ def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2, pores)
         store(state2, t * np.uint64(8), load8(state, p * np.uint64(8)))
         labels[t] = particle_index[p]
         cell2[t] = c
-        if WET:
-            _expect_numbers(pores, particle_index[p])
         order[f + t] = f + t
     for t in range(np.uint64(held)):
         particle_index[f + t] = labels[t]
@@ -381,7 +381,7 @@ def grid_to_particles(particles, blocks, cuts, reached, nodes, columns, moves, d
             f = blocks.first[b]
             _expect_list(particles.order, particle_index, blocks, b)
             if alone:
-                _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell, step.pores)
+                _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell, buffers.pores[thread])
             _expect_next(rec, state, particles.order, blocks, b, nodes)
             speed = move = lost = refused = zeros(rec)
             counts = np.int64(0), np.int64(0), np.int64(0)

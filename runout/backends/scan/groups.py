@@ -42,6 +42,8 @@ class Particles(NamedTuple):
         Touching radius [m]; one number where all particles have the same.
     label : (n, 2) int32
         Release and identity.
+    pores : (numbers, slots) real
+        Pore pressure of the particle in each slot, as far as particles differ in it (:mod:`runout.backends.scan.pore_pressure`).
     """
 
     rec: np.ndarray
@@ -53,15 +55,17 @@ class Particles(NamedTuple):
     force: np.ndarray
     radius: np.ndarray
     label: np.ndarray
+    pores: np.ndarray
 
 
 class Buffers(NamedTuple):
-    """One block of particles for each thread: fields as in :class:`Particles`, with a first axis of threads."""
+    """One block of particles for each thread: fields of :class:`Particles` with a first axis of threads; one row of ``pores``."""
 
     rec: np.ndarray
     state: np.ndarray
     particle_index: np.ndarray
     cell: np.ndarray
+    pores: np.ndarray
 
 
 class Blocks(NamedTuple):
@@ -156,11 +160,14 @@ class Grid(NamedTuple):
         Blocks with nodes that contacts reach.
     inverse : (nall, 64) real
         Inverse mass of the nodes of these blocks [1/kg].
+    masses : (nall, 64) or (0, 64) real
+        Mass of the nodes [kg], in scenes where pore pressure drains by the thickness of the layer.
     """
 
     nodes: np.ndarray
     shared: np.ndarray
     inverse: np.ndarray
+    masses: np.ndarray
 
 
 class Ground(NamedTuple):
@@ -190,7 +197,7 @@ class Contacts(NamedTuple):
         Cell and offset; what the grid gives; impulse that the nodes hold, and ground area. As many rows for each thread.
     measured : (rows / 16, 8, 16) real
         Normal, gap, friction (its number or the row of its record) and velocity, in tiles of 16 rows.
-    drained : (rows / 16, 4, 16) real
+    drained : (rows / 16, 5, 16) real
         What the excess pressure follows from (:mod:`runout.backends.scan.pore_pressure`), in such tiles; empty in a dry scene.
     shares : (places, SHARES) real
         Weights of the contacts of an owner at the nodes that they reach; the last one stays empty.

@@ -217,16 +217,32 @@ def _node_velocities(s, inverse, before):
     return select(masses(s) > least_masses(s), v, zeros(s))
 
 
+def _note_masses(grid, b, i, j, s):
+    """Note the masses of four nodes of a block, where the scene needs them."""
+    if len(grid.masses) > 0:
+        store(grid.masses, b * 64 + (i * 4 + j) * 4, heads(s))
+
+
+def _note_no_masses(grid, b):
+    """The same for a block that no particle reaches, whose nodes are those of an earlier step."""
+    if len(grid.masses) > 0:
+        for n in range(0, 64, 16):
+            store(grid.masses, b * 64 + n, zeros(grid.masses))
+
+
 def _update_block(arenas, number, reached, down, b, grid, dv):
     """Mass and velocity of the nodes of a block, after internal forces and gravity; without mass they rest."""
     place = local_places(down)
     there = _find_arenas(place, arenas, number, reached, down, b)
+    if there == 0:
+        _note_no_masses(grid, b)
     if there:
         for i in range(4):
             for j in range(4):
                 s = _sum_all(arenas, place, there, i, j)
                 v = _node_velocities(s, _inverse(s), load16(dv, 0))
-                store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
+                _note_masses(grid, b, i, j, s)
+                store(grid.nodes, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
 def _sum_of_nodes(s):
@@ -248,6 +264,7 @@ def _update_block_over_ground(arenas, contacts, grid, columns, down, b, dv):
     if DRAGS_COLUMN:
         columns.filled[b] = there != 0
     if there == 0:
+        _note_no_masses(grid, b)
         return
     sharing = local_places(down)
     shared[b] = _find_arenas(sharing, shares, contacts.sharer, contacts.pressed, down, b) != 0
@@ -255,6 +272,7 @@ def _update_block_over_ground(arenas, contacts, grid, columns, down, b, dv):
         for j in range(4):
             s = _sum_all(values, place, there, i, j)
             one_over = _inverse(s)
+            _note_masses(grid, b, i, j, s)
             v = _node_velocities(s, one_over, load16(dv, 0))
             if DRAGS_COLUMN:
                 moving = _sum_of_nodes(s)
@@ -331,11 +349,11 @@ def _most_of(cursors, what):
     return most
 
 
-def particles_to_nodes(particles, blocks, schedule, arenas, nodes, dv):
+def particles_to_nodes(particles, blocks, schedule, arenas, grid, dv):
     """Fill an arena for each block with particles, and sum the nodes that are due.
 
-    ``nodes`` (nall, 256) get mass and velocity. Returns the number of arenas that a thread needs; if it has fewer, the result is
-    invalid.
+    The nodes of the ``grid`` get mass and velocity. Returns the number of arenas that a thread needs; if it has fewer, the result
+    is invalid.
     """
     rec, order, starts, first, held = particles.rec, particles.order, blocks.starts, blocks.first, blocks.held
     values, cursors = arenas.values, arenas.cursors
@@ -354,6 +372,6 @@ def particles_to_nodes(particles, blocks, schedule, arenas, nodes, dv):
                     _expect_next(rec, order, starts, first, held, rec, b, schedule.nown)
                     _fill_arena(rec, order, starts, first, b, reached[b], values, a, False, rec, real(0.0), order)
             for k in range(schedule.due[s], schedule.due[s + 1]):
-                _update_block(values, number, reached, blocks.down, np.int64(schedule.nodes[k]), nodes, dv)
+                _update_block(values, number, reached, blocks.down, np.int64(schedule.nodes[k]), grid, dv)
             _leave_arenas(schedule, arenas, thread, s, held, number)
     return _most_of(cursors, TAKEN)

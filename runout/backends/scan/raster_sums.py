@@ -26,7 +26,7 @@ from runout.backends.protocol import NodeSums, RasterSums
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.observe import _node_of
-from runout.backends.scan.state import Store, ranges
+from runout.backends.scan.state import Store
 from runout.backends.scan.stencil import AHEAD, _add_products
 from runout.model.scene import Scene
 from runout.physics.moments import affine_at
@@ -70,7 +70,7 @@ class Summed:
         """Mass, and mass times pore pressure ratio, (releases, 2, nx, ny) by release around nodes of the plan."""
         b, p, corner = self.blocks, self.store.particles, self.tables.constants.corner
         held = b.held[: b.nown]
-        slot = p.order[ranges(b.first[: b.nown], held)]
+        slot = self.store.occupied(b)
         cell, rec, index = p.cell[slot].astype(np.int64), p.rec[slot], p.particle_index[slot]
         block = corner[:2] + 4 * b.bxyz[: b.nown, :2].astype(np.int64)
         east, north = (
@@ -78,7 +78,7 @@ class Summed:
         )
         release, ratio = p.label[index, 0], np.zeros(len(slot))
         if self.store.pore_left is not None:
-            left, excess = (values.astype(float) for values in self.store.pores_at(index))
+            left, excess = (values.astype(float) for values in self.store.pores_at(slot))
             ratio = array_binding().pore_pressure.pore_ratio(excess, left, self.scene.pore_table().view(np.recarray)[release])
         return weighed((east, north), rec[:, 0].astype(float), release, ratio, len(self.scene.materials), first, shape)
 

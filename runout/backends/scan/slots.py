@@ -110,10 +110,20 @@ def hand_over_slots(old, numbers, new):
                 starts[d, c] = old.starts[b, c]
 
 
+def _move_numbers(numbers, order, held, first, to, row):
+    """The same for their pore pressure, through a ``row`` of the buffer."""
+    for k in range(len(numbers)):
+        for t in range(held):
+            row[t] = numbers[k, order[first + t]]
+        for t in range(held):
+            numbers[k, to + t] = row[t]
+
+
 def _move_block(particles, starts, b, first, to, buffers):
     """Move the particles of a block, by cell, to the slots from ``to`` on, which may be some of its own; through a buffer."""
     rec, state, particle_index = particles.rec, particles.state, particles.particle_index
     cell, order = particles.cell, particles.order
+    _move_numbers(particles.pores, order, starts[b, CELLS], first, to, buffers.pores[0])
     records, states, labels = buffers.rec[0], buffers.state[0], buffers.particle_index[0]
     for t in range(starts[b, CELLS]):
         p = np.int64(order[first + t])

@@ -56,11 +56,13 @@ def make_way(listed, blocks, moves, end, slots, holes, n):
 
 def _copy_slot(particles, p, d, c):
     """Copy a particle from slot ``p`` to slot ``d``, into cell ``c``."""
-    rec, state, particle_index = particles.rec, particles.state, particles.particle_index
+    rec, state, particle_index, pores = particles.rec, particles.state, particles.particle_index, particles.pores
     store(rec, 16 * d, load16(rec, 16 * p))
     store(state, 8 * d, load8(state, 8 * p))
     particle_index[d] = particle_index[p]
     particles.cell[d] = c
+    for k in range(len(pores)):
+        pores[k, d] = pores[k, p]
 
 
 def _relocate(particles, old, new, n):
@@ -79,6 +81,8 @@ def _expect_slot(particles, p):
     prefetch(particles.rec, 16 * p)
     prefetch(particles.state, 8 * p)
     prefetch(particles.particle_index, p)
+    for k in range(len(particles.pores)):
+        prefetch(particles.pores, particles.pores.shape[1] * k + p)
 
 
 def _receive(particles, around, moves, b, end, copies):

@@ -6,8 +6,9 @@ A block owns a range of slots, in which its particles lie in any order.
     rec       m | p (3)  |  fx | A column 0 (3)  |  fy | A column 1 (3)  |  fz | A column 2 (3)     one cache line in float32
     state     B - I (6)  |  history  |  volume                                                      half a cache line
     particle_index, cell, order, listed: one number a slot
+    pores (numbers, slots): pore pressure, as far as particles differ in it
 
-    by particle_index, which never moves:  force: stamp | f (3)     radius     label: release | identity     pore pressure
+    by particle_index, which never moves:  force: stamp | f (3)     radius     label: release | identity
 """
 
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ BY_SLOT: dict[str, tuple[int, Any]] = {  # arrays of slots: numbers a slot, and 
     "rec": (16, None), "state": (8, None), "particle_index": (0, np.int32), "cell": (0, np.uint8), "order": (0, np.int32),
     "listed": (0, np.int32),
 }  # fmt: skip
+OF_PORES = 3  # numbers of pore pressure that particles may differ in: what remains, excess at the start, release
 SELDOM = 20  # steps: gaps are not closed more often, unless that takes a fifth more slots
 NO_STAMP = -1  # of a substep whose forces nothing starts from
 
@@ -65,13 +67,10 @@ class Store:
     closed_at: int
     closed_end: int
     largest_radius: float  # [m]
-    # pore_left (particles,) or (releases,), pore_excess (particles,) or (1,): pore pressure
-    # (:class:`runout.backends.scan.pore_pressure.Pores`); None in a dry scene
+    # pore_left (releases,), pore_excess (1,): pore pressure (:class:`runout.backends.scan.pore_pressure.Pores`); empty where it
+    # lies by slot, None in a dry scene
     pore_left: np.ndarray | None = None
     pore_excess: np.ndarray | None = None
-    drains_alike: bool = False  # whether all particles of a release drain alike: ``pore_left`` is by release
-    # pore_present (numbers, slots): the same within a transfer, by slot; None before the first one that needs it
-    pore_present: np.ndarray | None = None
 
     @classmethod
     def of(cls, slots: int, end: int, n: int, scene: Scene) -> "Store":
@@ -80,65 +79,81 @@ class Store:
         particles = empty_slots(slots, scene)._replace(
             force=_zeros(n, 4, scene.dtype), radius=radius, label=np.zeros((n, 2), np.int32)
         )
-        pores = (np.zeros(n, scene.dtype), np.zeros(n, scene.dtype)) if scene.is_wet else (None, None)
-        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0, *pores)
+        store = cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0)
+        if scene.is_wet:
+            store.pore_left = store.pore_excess = np.zeros(0, scene.dtype)
+            store.particles = particles._replace(pores=_numbers(OF_PORES, slots, scene.dtype))
+        return store
 
     def put(self, particle_index: np.ndarray, slots: np.ndarray, p: Particles, scene: Scene) -> None:
         """Put particles with some indices (m,) into the ``slots`` of all; the records hold no stress yet (time step 0)."""
         names = "release", "identity", "mass", "volume", "radius", "offset", "strain"
         radius = _loops().put_particles(self.particles, particle_index, slots, *(_plain(p, name) for name in names))
         self.largest_radius = max(self.largest_radius, radius)
-        if self.pore_left is not None and self.pore_excess is not None:
-            self.pore_left[particle_index], self.pore_excess[particle_index] = p.pore_left, p.pore_excess
+        if self.pore_left is not None:
+            self.particles.pores[:, slots[particle_index]] = p.pore_left, p.pore_excess, p.release
         if not p.rests:
             moving = (_plain(p, name) for name in ("mass", "offset", "velocity", "affine", "history", "ground_force"))
             _loops().set_in_motion(self.particles, particle_index, slots, *moving, scene.spacing)
 
-    def join(self, slots: np.ndarray, p: Particles, scene: Scene, stamp: int) -> None:
-        """Put more particles into their ``slots`` (m,), after a step with this ``stamp``; as :meth:`put` does."""
+    def join(self, slots: np.ndarray, blocks: groups.Blocks, p: Particles, scene: Scene, stamp: int) -> None:
+        """Put more particles into their ``slots`` (m,), which the ``blocks`` list, after a step with this ``stamp``."""
         old, loaded, total = self.particles, len(self.particles.label), len(self.particles.label) + len(p)
         old.rec[slots], old.state[slots] = 0, 0
         force, label = _zeros(total, 4, scene.dtype), np.zeros((total, 2), np.int32)
         force[:loaded], force[loaded:, 0], label[:loaded] = old.force, stamp, old.label
         self.radius = np.concatenate([self.radius, np.zeros(len(p), scene.dtype)])
         self.particles = old._replace(force=force, radius=self.radius, label=label)
-        if self.pore_left is not None and self.pore_excess is not None:
-            before, none = self.pores_at(np.arange(loaded)), np.zeros(len(p), scene.dtype)
-            self.pore_left, self.pore_excess = (np.concatenate([values, none]) for values in before)
+        held = self.occupied(blocks)
+        if self.pore_left is not None:
+            pores, before = _numbers(OF_PORES, self.slots, scene.dtype), np.setdiff1d(held, slots)
+            pores[:, before] = *self.pores_at(before), self.release_at(before)
+            self.particles = self.particles._replace(pores=pores)
         by_index = np.zeros(total, np.int32)
         by_index[loaded:] = slots
         self.put(np.arange(loaded, total, dtype=np.int32), by_index, p, scene)
-        self.share_numbers(scene)
+        self.share_numbers(held, scene)
         self.n += len(p)
 
-    def share_numbers(self, scene: Scene) -> None:
-        """Once all particles are there: one number for all radii and excess pressures that are the same, and parts by release.
+    def occupied(self, blocks: groups.Blocks) -> np.ndarray:
+        """Slots of the particles of all ``blocks``, block by block in the order of cells."""
+        return self.particles.order[ranges(blocks.first[: blocks.nown], blocks.held[: blocks.nown])]
 
-        Parts are those of a release where its particles have the same one, and no mass drains by the thickness of its layer.
+    def share_numbers(self, slots: np.ndarray, scene: Scene) -> None:
+        """Once all particles are in their ``slots`` (n,): one number for all radii and excess pressures that are the same.
+
+        The part of the excess that remains is one number for each release where its particles have the same, and no mass drains by
+        the thickness of its layer.
         """
         self.particles = self.particles._replace(radius=_one_for_all(self.radius))
-        if self.pore_left is not None and self.pore_excess is not None:
-            self.pore_excess = _one_for_all(self.pore_excess).copy()
-            of_releases = _parts_by_release(self.pore_left, self.particles.label[:, 0], scene)
-            self.drains_alike = of_releases is not None
-            self.pore_left = self.pore_left if of_releases is None else of_releases
+        if self.pore_left is not None:
+            pores, none = self.particles.pores, np.zeros(0, scene.dtype)
+            left, excess, release = pores[:, slots]
+            alike, of_releases = _one_for_all(excess), _parts_by_release(left, release.astype(np.int64), scene)
+            self.pore_excess = alike.copy() if len(alike) == 1 else none
+            self.pore_left = none if of_releases is None else of_releases
+            own = [of_releases is None, len(self.pore_excess) == 0, len(scene.materials) > 1]
+            kept = _numbers(sum(own), self.slots, scene.dtype)
+            kept[:] = pores[own]
+            self.particles = self.particles._replace(pores=kept)
 
-    def pores_at(self, particle_index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Part that remains and excess at the start [1] of particles (n,), of a wet scene."""
+    @property
+    def drains_alike(self) -> bool:
+        """Whether all particles of a release drain alike."""
+        return self.pore_left is not None and len(self.pore_left) > 0
+
+    def release_at(self, slots: np.ndarray) -> np.ndarray:
+        """Release of the particles in ``slots`` (n,)."""
+        return self.particles.label[self.particles.particle_index[slots], 0]
+
+    def pores_at(self, slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Part that remains and excess at the start [1] of the particles in ``slots`` (n,), of a wet scene."""
         assert self.pore_left is not None
         assert self.pore_excess is not None
-        left = self.pore_left[self.particles.label[particle_index, 0] if self.drains_alike else particle_index]
-        alike = len(self.pore_excess) == 1
-        return left, np.repeat(self.pore_excess, len(particle_index)) if alike else self.pore_excess[particle_index]
-
-    def pores_by_slot(self, releases: int) -> np.ndarray:
-        """Place for what drains by slot within a transfer: what remains, excess and release of each particle where these differ."""
-        assert self.pore_excess is not None
-        count = (not self.drains_alike) + (len(self.pore_excess) > 1) + (releases > 1)
-        shape = count, (len(self.particles.cell) + 15) & ~15 if count else 1
-        if self.pore_present is None or self.pore_present.shape != shape:
-            self.pore_present = _zeros(*shape, self.particles.rec.dtype)
-        return self.pore_present
+        pores, alike = self.particles.pores, self.drains_alike
+        left = self.pore_left[self.release_at(slots)] if alike else pores[0, slots]
+        excess = np.repeat(self.pore_excess, len(slots)) if len(self.pore_excess) else pores[int(not alike), slots]
+        return left, excess
 
     @property
     def slots(self) -> int:
@@ -153,6 +168,9 @@ class Store:
             before = getattr(p, name)
             grown[name] = _slots(slots, before.shape[1:], before.dtype)
             grown[name][:old] = before[:old]
+        if len(p.pores):
+            grown["pores"] = _numbers(len(p.pores), slots, p.pores.dtype)
+            grown["pores"][:, : p.pores.shape[1]] = p.pores
         self.particles = p._replace(**grown)
 
     def move(self, source: np.ndarray, target: np.ndarray) -> None:
@@ -160,6 +178,8 @@ class Store:
         for name in ("rec", "state", "particle_index", "cell"):
             values = getattr(self.particles, name)
             values[target] = values[source]
+        if len(pores := self.particles.pores):
+            pores[:, target] = pores[:, source]
 
     def leave_hole(self, first: int, slots: int) -> None:
         """Note so many slots that a block has left, if the list has room."""
@@ -174,15 +194,14 @@ class Store:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        own = {"pore_left": self.pore_left, "pore_excess": self.pore_excess, "pore_present": self.pore_present}
-        pores = {name: values for name, values in own.items() if values is not None}
-        return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes, **pores)
+        return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes)
 
 
 def empty_slots(slots: int, scene: Scene) -> groups.Particles:
     """Storage of so many slots without particles."""
     by_slot = {name: _slots(slots, (width,) if width else (), kind or scene.dtype) for name, (width, kind) in BY_SLOT.items()}
     nobody = {"force": _zeros(0, 4, scene.dtype), "radius": np.zeros(0, scene.dtype), "label": np.zeros((0, 2), np.int32)}
+    nobody["pores"] = _zeros(0, 1, scene.dtype)
     return groups.Particles(**by_slot, **nobody)
 
 
@@ -201,6 +220,11 @@ def _parts_by_release(left: np.ndarray, release: np.ndarray, scene: Scene) -> np
         return None
     parts[release] = left
     return parts if (parts[release] == left).all() else None
+
+
+def _numbers(count: int, slots: int, real: Any) -> np.ndarray:
+    """Place for so many numbers by slot (count, slots and some more)."""
+    return _zeros(count, (slots + PADDING + 15) & ~15, real)
 
 
 def _slots(slots: int, width: tuple[int, ...], kind: Any) -> np.ndarray:

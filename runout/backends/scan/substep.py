@@ -179,7 +179,7 @@ def substep(particles, blocks, schedule, arenas, contacts, nodes, columns, dv, s
                     if contacts.touching[b] > 0:
                         _follow_order(listed, order, f, held)
                     _expect_list(order, index, blocks, b)
-                    _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell, step.pores)
+                    _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell, buffers.pores[thread])
                     _put_in_order(rec, state, held, np.uint64(f), records, states)
                 _expect_next(rec, state, order, blocks, b, nodes)
                 lost = zeros(rec)

@@ -4,7 +4,7 @@
             16 .. 23  state             25  speed squared              29  large strain
             31 .. 46  sums              26  largest move [cells]       30  whether the column holds a particle
             47  effective share         27  dissipated energy
-            48, 49  part of the excess that remains, release (:mod:`runout.backends.scan.pore_pressure`)
+            48  release, of several with pore pressure
 
 The effective share is that of the normal stress which grains carry. Sums are those of velocities and moments over the substeps of
 a transfer (:mod:`runout.backends.scan.substep`).
@@ -19,7 +19,7 @@ TILE = 32
 # rows of a tile after the 16 numbers of the record and the 8 of the state
 CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
 SUMS = 31  # first of the 16 rows of sums, where SEVERAL is set
-EFFECTIVE, LEFTS, RELEASES = (SUMS + 16 + k for k in range(3))  # share of the normal stress that grains carry, where WET is set
+EFFECTIVE, RELEASES = SUMS + 16, SUMS + 17  # share of the normal stress that grains carry, where WET is set
 local_tile = local_array((RELEASES + 1, TILE))
 load_records, store_records = record_vectors(16)
 load_states, store_states = record_vectors(8)

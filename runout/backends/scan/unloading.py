@@ -42,5 +42,5 @@ def _unload(found: Particles, where: np.ndarray, store: Store, slot: np.ndarray,
     found.radius[where] = store.radius[particle_index]
     found.ground_force[where] = store.ground_force(particle_index, steps)
     if store.pore_left is not None:
-        found.pore_left[where], found.pore_excess[where] = store.pores_at(particle_index)
+        found.pore_left[where], found.pore_excess[where] = store.pores_at(slot)
     found.release[where], found.identity[where] = slots.label[particle_index].T

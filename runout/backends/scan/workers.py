@@ -49,4 +49,5 @@ class Workers:
 
 def _buffers(threads: int, particles: int, real: Any) -> Buffers:
     shape = threads, particles
-    return Buffers(np.empty((*shape, 16), real), np.empty((*shape, 8), real), np.empty(shape, np.int32), np.empty(shape, np.uint8))
+    records, states = (np.empty((*shape, width), real) for width in (16, 8))
+    return Buffers(records, states, np.empty(shape, np.int32), np.empty(shape, np.uint8), np.empty(shape, real))

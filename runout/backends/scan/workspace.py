@@ -19,7 +19,7 @@ from runout.backends.scan.domain import blocks_at_edge
 from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves
 from runout.backends.scan.node_columns import NodeColumns, node_columns_of
 from runout.backends.scan.particles_to_grid import SHARES
-from runout.backends.scan.pore_pressure import Layers, layers_of
+from runout.backends.scan.pore_pressure import NOTED, Layers, diffuses, layers_of
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import PADDING, _zeros, bytes_of
 from runout.backends.scan.stencil import ARENA
@@ -64,7 +64,10 @@ class Workspace:
                 _zeros(threads * capacity + 1, ARENA, real), np.zeros((threads, capacity), np.int32),
                 np.zeros((threads, 8), np.int64), number(), number(), byte(),
             ),
-            grid=Grid(_zeros(blocks.nall, 256, real), np.zeros(blocks.nall, np.bool_), _zeros(blocks.nall, 64, real)),
+            grid=Grid(
+                _zeros(blocks.nall, 256, real), np.zeros(blocks.nall, np.bool_), _zeros(blocks.nall, 64, real),
+                _zeros(blocks.nall if scene.is_wet and diffuses(scene.pore_table()) else 0, 64, real),
+            ),
             contacts=Contacts(
                 *(former[:5] if former else _rows_of_contacts(0, real, scene.is_wet)),
                 np.zeros((len(former.shares) if former else 0, SHARES), real), count(), count(), count(), number(), byte(),
@@ -101,7 +104,8 @@ class Workspace:
 
 def _rows_of_contacts(rows: int, dtype: Any, wet: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     n = (rows + PADDING) & ~15
-    measured, drained = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(wet * n // 16, 64, dtype).reshape(-1, 4, 16)
+    measured, drained = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(wet * n // 16, 16 * NOTED, dtype)
+    drained = drained.reshape(-1, NOTED, 16)
     return _zeros(n, 4, dtype), measured, _zeros(n, 4, dtype), _zeros(n, 4, dtype), drained
 
 
