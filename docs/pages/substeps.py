@@ -73,11 +73,11 @@ four substeps, sorts included, before and now:
 {rates}
 
 Runs of both commits took turns, five to fifteen each: medians, in brackets least and largest; the ratio is the median over the
-pairs. The scenes together have as many particles as the layer of 6.4M. In two other sessions the ratio of 0.1M was 1.15 and 1.13
-(15 and 25 pairs), that of the scenes 1.00 and 1.01.
+pairs. The scenes together have as many particles as the layer of 6.4M. In two sessions with an earlier form of this sort the ratio
+of 0.1M was 1.15 and 1.13 (15 and 25 pairs), that of 0.3M 1.08 and 1.03, that of the scenes 1.00 and 1.01.
 
 A transfer of 0.1 million particles behind a sort takes 185 µs (199 before). Its 16 launches take 42 µs (48) where they have
-nothing to do: arguments have 0.4 to 1.0 kB (1.3 to 3.9). A sort of 0.1, 0.3, 1 and 10 million particles takes 177, 245, 461 and
+nothing to do: arguments have 0.3 to 1.0 kB (1.3 to 3.9). A sort of 0.1, 0.3, 1 and 10 million particles takes 177, 245, 461 and
 2091 µs (205, 345, 494, 2107), the copy of the status to the host included, every fourth transfer where the layer has become fast.
 
 ## Full table
