@@ -9,6 +9,7 @@ content of every source that a binding uses, and the copies that numba compiles 
 file. So a change of a law compiles anew, and equal sources compile once on a machine, wherever they are installed.
 """
 
+import ast
 import contextlib
 import hashlib
 import inspect
@@ -316,13 +317,14 @@ def warp_binding(real: Any) -> SimpleNamespace:
 
 
 def warp_kernels(
-    binding: SimpleNamespace, sources: tuple[ModuleType, ...], module_of: Callable[[str], Any], **names: Any
-) -> SimpleNamespace:
+    binding: SimpleNamespace, sources: tuple[ModuleType, ...], module_of: Callable[[str], Any],
+    packing: Mapping[Any, tuple[Any, Any]], **names: Any,
+) -> SimpleNamespace:  # fmt: skip
     """Functions of kernel modules compiled by warp, in order; rules as for :meth:`NumbaBinding.kernels`.
 
     ``module_of`` is the warp module that takes a kernel by its name, None for one that is left out; warp compiles a module once
     for each number of lanes a block. What ``names`` replaces is not compiled itself: types of arguments and constants, for which
-    the sources hold stand-ins.
+    the sources hold stand-ins. ``packing``: for some types the packed one that a kernel takes, and the function that opens it.
     """
     import warp as wp
 
@@ -337,9 +339,32 @@ def warp_kernels(
             if function.__name__.startswith("_"):
                 compiled[function] = wp.func(module=module_of(function.__name__))(copy)
             elif "tid" in function.__code__.co_names and (module := module_of(function.__name__)):
-                compiled[function] = wp.kernel(module=module, enable_backward=False)(copy)
+                opening = _Opening(copy, packing)
+                options = {"enable_backward": False}
+                compiled[function] = wp.Kernel(copy, module=module, options=options, code_transformers=[opening])
                 setattr(space, function.__name__, compiled[function])
     return space
+
+
+class _Opening(ast.NodeTransformer):
+    """Lets a kernel take those arguments packed for whose types ``packing`` holds a packed type and a function that opens it."""
+
+    def __init__(self, kernel: FunctionType, packing: Mapping[Any, tuple[Any, Any]]):
+        kinds = {name: kernel.__globals__.get(kind, kind) for name, kind in kernel.__annotations__.items()}
+        self.packed = {name: packing[kind] for name, kind in kinds.items() if kind in packing}
+        kernel.__annotations__ |= {name: packed for name, (packed, _) in self.packed.items()}
+        kernel.__globals__.update({f"open_{name}": opens for name, (_, opens) in self.packed.items()})
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        """The kernel, in whose body other names stand for what is opened."""
+        for part in (inner for statement in node.body for inner in ast.walk(statement)):
+            if isinstance(part, ast.Name) and part.id in self.packed:
+                part.id = f"opened_{part.id}"
+        opening = ast.parse("\n".join(f"opened_{name} = open_{name}({name})" for name in self.packed))
+        for statement in opening.body:
+            ast.increment_lineno(statement, node.lineno - statement.lineno)
+        node.body = [*opening.body, *node.body]
+        return node
 
 
 def law_record(law: Law | FrictionLaw, real: Any) -> Any:

@@ -14,7 +14,6 @@ from runout.model.laws import LAWS
 
 ARCHITECTURE = 90
 COULOMB = FRICTIONS.find("coulomb")
-LAUNCH = 64  # bytes that warp passes to a kernel beside its arguments, at most
 REGISTERS, FRAME = 0x2F, 0x11  # attributes of the section .nv.info of a cubin
 LARGEST = {  # registers a thread of the kernels that take the time; the others need at most 112
     "float32": {"particles_to_grid": 168, "grid_to_particles": 128, "sum_blocks": 128, "cut_tiles": 128},
@@ -30,13 +29,13 @@ SUBSTEPS: dict[str, dict[str, int]] = {  # of further substeps of a transfer; at
     "float64": {"strain_in_place": 255, "grid_to_particles": 255, "solve_contacts": 168},
 }
 SUBSTEPS_SPILLED = {
-    "float32": {"solve_contacts": 8, "strain_in_place": 72},
+    "float32": {"strain_in_place": 88},
     "float64": {"strain_in_place": 64},
 }
 AREAS_SPILLED = {"find_contacts": 8, "solve_contacts": 8}  # of laws of friction that use ground areas, in single precision
 SEVERAL_SPILLED = {"find_contacts": 8, "solve_contacts": 56}  # of Coulomb and Voellmy in one run, in single precision
 STRUCTURES_SPILLED = {"float32": {"solve_contacts": 8}, "float64": {}}
-SPILLED: dict[str, dict[str, int]] = {"float32": {"solve_contacts": 8}, "float64": {"particles_to_grid": 272}}  # bytes a thread
+SPILLED: dict[str, dict[str, int]] = {"float32": {"find_contacts": 8}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
 def resources(cubin: Path) -> dict[str, dict[int, int]]:
@@ -87,8 +86,8 @@ def require_within(kernels, modules, registers, spilled):
 
 
 @pytest.mark.parametrize("structured", [False, True])
-def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(structured):
-    """A group is one argument; every driver passes 4096 bytes to a kernel, of which warp needs some for the launch."""
+def test_kernels_take_at_most_twelve_arguments_of_little_more_than_a_kilobyte_in_all(structured):
+    """A group is one argument, and packed: with 2.7 kilobytes a launch takes a microsecond more."""
     more = structured, structured  # the last: substeps
     of_run = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, *more)
     kernels = vars(of_run) | (vars(of_run.later) if structured else {})
@@ -101,7 +100,7 @@ def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(structur
         for name, some in arguments.items()
     }
     assert max(map(len, arguments.values())) <= 12
-    assert 3000 < max(bytes_of.values()) <= 4096 - LAUNCH
+    assert 1000 < max(bytes_of.values()) <= 1250
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -131,7 +130,7 @@ def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(pr
     more = [module for module in structured.modules if module not in plain.modules]
     assert set(plain.modules) < set(structured.modules)
     assert set(more) <= set(other.modules)
-    assert require_within(structured, more, STRUCTURES[precision], STRUCTURES_SPILLED[precision]) == 6
+    assert require_within(structured, more, STRUCTURES[precision], STRUCTURES_SPILLED[precision]) == 5
 
 
 @pytest.mark.parametrize("law", ["voellmy_base", "voellmy"])

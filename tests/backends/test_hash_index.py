@@ -268,7 +268,7 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
 
 
 @pytest.mark.parametrize("deterministic", [IN_ORDER, True])
-def test_sort_that_moves_five_rows_at_once_gives_the_bits_of_one_that_moves_single_rows(monkeypatch, deterministic):
+def test_sort_that_moves_all_rows_at_once_gives_the_bits_of_one_that_moves_single_rows(monkeypatch, deterministic):
     ends = []
     for few in (0, 2**20):
         monkeypatch.setattr(state, "FEW", few)

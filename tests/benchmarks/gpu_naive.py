@@ -18,7 +18,7 @@ from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import deform, grid_to_particles, natives, stencil
 from runout.backends.hash.deform import _slopes, _store, _strain_of
 from runout.backends.hash.grid_to_particles import _in_cell
-from runout.backends.hash.groups import argument_types
+from runout.backends.hash.groups import argument_types, packing_of
 from runout.backends.hash.kernels import OPTIONS, _local_types
 from runout.backends.hash.layout import (
     AFFINE,
@@ -119,7 +119,8 @@ def _kernels(law: str) -> SimpleNamespace:
     update = physics.law(LAWS.find(law)).step
     kernels = warp_kernels(
         physics, (stencil, deform, grid_to_particles, modules[__name__]),
-        lambda name: others if name in vars(grid_to_particles) else own, **argument_types(wp.float32), **_local_types(wp.float32),
+        lambda name: others if name in vars(grid_to_particles) else own, packing_of(wp.float32),
+        **argument_types(wp.float32), **_local_types(wp.float32),
         Materials=wp.array(dtype=record),
         **natives.of("float32"), law_update=update,
     )  # fmt: skip

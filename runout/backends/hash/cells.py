@@ -30,7 +30,7 @@ from runout.backends.hash.layout import (
     AT_ONCE,
     BLOCKS,
     CELL_LANES,
-    CLEARING,
+    COUNTED,
     HALT,
     HOMES,
     LEFT,
@@ -39,6 +39,7 @@ from runout.backends.hash.layout import (
     RELEASE,
     ROWS,
     SECTOR,
+    SPARE,
     STARTS,
     Ints,
     Reals,
@@ -60,12 +61,25 @@ sum_before: Any = None  # sums over the lanes before a lane, and over all; likew
 
 
 def count_blocks(blocks: BlockGroup):
-    """Particles of each block."""
+    """Particles of each block; the number of all starts from zero."""
     b = wp.tid()
+    if b == 0:
+        blocks.sums[blocks.sums.shape[0] - 1] = 0
     total = int(0)
     for c in range(64):
         total += blocks.cstart[b, c + 1]
     blocks.sums[b] = total
+
+
+def _count_before(status: StatusGroup, blocks: BlockGroup, b: int, lane: int, own: int):
+    """Sum of the particles in the blocks before one, which a warp adds up; the last block notes the number of all."""
+    before = int(0)
+    for other in range(lane, b, lane_count()):
+        before += blocks.sums[other]
+    before = sum_before(before)[1]
+    if lane == 0 and b + 1 == status.tally[BLOCKS]:
+        blocks.sums[blocks.sums.shape[0] - 1] = before + own
+    return before
 
 
 def _list_block(status: StatusGroup, blocks: BlockGroup, b: int, lane: int, given: int):
@@ -80,11 +94,13 @@ def _list_block(status: StatusGroup, blocks: BlockGroup, b: int, lane: int, give
     sums = sum_before(mine)
     total = sums[1]
     start = int(0)
+    if given == COUNTED:
+        start = _count_before(status, blocks, b, lane, total)
     if lane == 0:
         if total > 0:
             one = wp.int64(1) << wp.int64(32)
             if given != 0:
-                start = int(blocks.sums[b])
+                start = wp.where(given == COUNTED, start, int(blocks.sums[b]))
                 blocks.active[int(wp.atomic_add(status.both, 0, one) >> wp.int64(32))] = b
             else:
                 before_all = wp.atomic_add(status.both, 0, one + wp.int64(total))
@@ -92,7 +108,7 @@ def _list_block(status: StatusGroup, blocks: BlockGroup, b: int, lane: int, give
                 blocks.active[int(before_all >> wp.int64(32))] = b
         blocks.cstart[b, 0] = start
     if total > 0:
-        place = sums[0] + sum_before(start)[1]
+        place = sums[0] + sum_before(wp.where(lane == 0, start, 0))[1]
         for q in range(each):
             n = int(blocks.cstart[b, each * lane + q + 1])
             blocks.cstart[b, each * lane + q + 1] = place
@@ -105,7 +121,8 @@ def list_cells(
 ):  # fmt: skip
     """Start of each cell in the list, blocks that hold particles, and empty nodes for the next step.
 
-    If ``given``, ``blocks.sums`` are the starts of the blocks; else each block takes the next free places, in no fixed order.
+    If ``given`` is SUMMED, ``blocks.sums`` are the starts of the blocks, if COUNTED, their particles; else each block takes the
+    next free places, in no fixed order.
     """
     first, lane = wp.tid()
     first, lane = own_block(first), own_lane(lane)
@@ -210,21 +227,23 @@ def gather_reals(status: StatusGroup, particles: ParticleGroup, blocks: BlockGro
     target[wp.min(t + 3 * threads, last)] = x3
 
 
-def gather_rows(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Rows, target: Rows):
-    """Five rows in the order of the list, all read before any is written."""
+def gather_rows(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Rows, target: Rows, numbers: Ints):
+    """All rows in the order of the list, five at once so that their loads overlap; and the numbers of the particles."""
     t = wp.tid()
     if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
         p = particles.order[t] & NOT_NEGATIVE
-        x0 = source[0, p] * real(1.0)
-        x1 = source[1, p] * real(1.0)
-        x2 = source[2, p] * real(1.0)
-        x3 = source[3, p] * real(1.0)
-        x4 = source[4, p] * real(1.0)
-        target[0, t] = x0
-        target[1, t] = x1
-        target[2, t] = x2
-        target[3, t] = x3
-        target[4, t] = x4
+        numbers[t] = particles.number[p]
+        for row in range(0, SPARE, 5):
+            x0 = source[row, p] * real(1.0)
+            x1 = source[row + 1, p] * real(1.0)
+            x2 = source[row + 2, p] * real(1.0)
+            x3 = source[row + 3, p] * real(1.0)
+            x4 = source[row + 4, p] * real(1.0)
+            target[row, t] = x0
+            target[row + 1, t] = x1
+            target[row + 2, t] = x2
+            target[row + 3, t] = x3
+            target[row + 4, t] = x4
 
 
 def _bring_one(status: StatusGroup, blocks: BlockGroup, source: Any, target: Any, t: int):
@@ -241,11 +260,6 @@ def _gather_one(status: StatusGroup, particles: ParticleGroup, blocks: BlockGrou
 
 def bring_back_reals(status: StatusGroup, blocks: BlockGroup, source: Reals, target: Reals):
     """Numbers from the place where they were gathered."""
-    _bring_one(status, blocks, source, target, wp.tid())
-
-
-def bring_back_ints(status: StatusGroup, blocks: BlockGroup, source: Ints, target: Ints):
-    """Integers from the place where they were gathered."""
     _bring_one(status, blocks, source, target, wp.tid())
 
 
@@ -276,18 +290,23 @@ def _note_pieces(status: StatusGroup, blocks: BlockGroup, b: int, begin: int, en
 
 
 def renumber(
-    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, piece: int, launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, numbers: Ints, piece: int,
+    launched: int,
 ):  # fmt: skip
     """Renumber the list and the cells after the particles have moved, and note the pieces of each block.
 
-    Also write the number of all particles for the host, and an unknown (infinite) speed of approach for each block.
+    The gathered ``numbers`` of the particles come back, and the places behind the last particle are marked as empty. Also write the
+    number of all particles for the host, and an unknown (infinite) speed of approach for each block.
     """
     first, lane = wp.tid()
     first, lane = own_block(first), own_lane(lane)
     if status.flags[HALT] != 0:
         return
+    many = blocks.sums[blocks.sums.shape[0] - 1]
     if first == 0 and lane == 0:
-        status.counts[LEFT] = blocks.sums[blocks.sums.shape[0] - 1]
+        status.counts[LEFT] = many
+    for t in range(many + first * lane_count() + lane, particles.key.shape[0], launched * lane_count()):
+        particles.key[t] = -1
     for a in range(first, status.tally[NEXT], launched):
         b = blocks.active[a]
         if lane == 0:
@@ -299,11 +318,5 @@ def renumber(
             wp.tile_scatter_masked(starts, c, blocks.cstart[b, wp.min(c, CELL_LANES)], c < STARTS)
         for t in range(int(starts[0]) + lane, int(starts[CELL_LANES]), lane_count()):
             particles.order[t] = t
+            particles.number[t] = numbers[t]
             particles.key[t] = b * CELL_LANES + _cell_of(starts, t)
-
-
-def clear_beyond(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup):
-    """Mark the places behind the last particle as empty; a few threads take turns, since there are few such places."""
-    if status.flags[HALT] == 0:
-        for t in range(blocks.sums[blocks.sums.shape[0] - 1] + wp.tid(), particles.key.shape[0], CLEARING):
-            particles.key[t] = -1

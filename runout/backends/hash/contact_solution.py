@@ -27,6 +27,7 @@ from runout.backends.hash.groups import (
     GridGroup,
     GroundGroup,
     ParticleGroup,
+    PoreGroup,
     SceneGroup,
     StatusGroup,
     StructureGroup,
@@ -60,7 +61,6 @@ from runout.backends.hash.layout import (
     ZONED,
     Frictions,
     Nodes,
-    Pores,
     Reals,
     Rows,
     Surface,
@@ -233,7 +233,7 @@ def _push_of_structure(
 
 def _push(
     particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
-    surface: Surface, friction: Frictions, pores: Pores, tile: Tile, bases: Tile, s: int, b: int, near: int, c: int, p: int,
+    surface: Surface, friction: Frictions, pores: PoreGroup, tile: Tile, bases: Tile, s: int, b: int, near: int, c: int, p: int,
     f: Vector, dt: Any, given: Vector, entering: int,
 ):  # fmt: skip
     """Work [J] and impulse [N s] of the surface on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
@@ -427,7 +427,7 @@ def _block_in_contact(
 
 def solve_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
-    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, surface: Surface, friction: Frictions, pores: Pores,
+    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, surface: Surface, friction: Frictions, pores: PoreGroup,
     entering: int,
 ):  # fmt: skip
     """Compute one impulse per contact particle, and add its change since the detection to the nodes.

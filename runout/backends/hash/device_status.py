@@ -59,11 +59,6 @@ class DeviceStatus:
         at, _, size = self.parts[name]
         return wp.array(ptr=self.memory.ptr + at, dtype=kind, shape=size, device=self.memory.device)
 
-    def open_sort(self) -> None:
-        """Launch that sets flags and counts of a sort to zero; they lie beside each other."""
-        first, (last, dtype, size) = self.parts["flags"][0], self.parts["counts"]
-        self.memory[first : last + dtype.itemsize * size].zero_()
-
     def read(self) -> dict[str, np.ndarray]:
         """All of it, once the device has come here."""
         return self.snapshot().arrived()

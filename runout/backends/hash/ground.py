@@ -34,7 +34,10 @@ from runout.backends.hash.layout import (
     Ints,
     Real,
     Rows,
+    lane_count,
     node4,
+    own_block,
+    own_lane,
     run,
 )
 from runout.backends.hash.limits import require_index
@@ -50,6 +53,8 @@ from runout.physics.heightfield import resampled_coefficient as resampled_coeffi
 from runout.physics.heightfield import surface_at as surface_at64
 from runout.physics.tensors import real
 from runout.physics.tensors import tens as tens64
+
+sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 
 LINES = 3  # along which the surface is sampled for a coefficient of a tile
 
@@ -123,11 +128,11 @@ def cut_tiles(blocks: BlockGroup, scenes: SceneGroup, surface: SurfaceGroup, cut
 
 
 def clear_marks(ground: GroundGroup):
-    """No block is near the ground."""
+    """No block is near the ground. A mark is a number that is not negative, which ``number_marked`` replaces by another such."""
     b = wp.tid()
     if b < ground.near.shape[0]:
-        ground.near[b] = 0
-        ground.grounded[b] = 0
+        ground.near[b] = -1
+        ground.grounded[b] = -1
     if b < ground.standing.shape[0]:
         ground.standing[b] = -1
 
@@ -159,9 +164,9 @@ def note_near(blocks: BlockGroup, ground: GroundGroup, constants: Constants, rea
         cut[b, 36 + i] = low[i]
     n = upward_normal(wp.max(wp.abs(low[0]), wp.abs(low[2])), wp.max(wp.abs(low[1]), wp.abs(low[3])))
     if distance((real(0.5) - top) * constants.h[2], n[2]) <= reach:
-        ground.near[b] = 1
+        ground.near[b] = 0
         for q in range(8):
-            ground.grounded[blocks.up[b, q]] = 1
+            ground.grounded[blocks.up[b, q]] = 0
 
 
 def note_slopes(blocks: BlockGroup, ground: GroundGroup, cut: Rows):
@@ -182,28 +187,46 @@ def note_slopes(blocks: BlockGroup, ground: GroundGroup, cut: Rows):
         ground.slopes[b] = found
 
 
-def number_marked(status: StatusGroup, blocks: BlockGroup, marks: Ints, which: int, marked: Ints):
-    """Number the marked blocks in their order, -1 for the others, and count them.
-
-    ``blocks.sums`` are the sums of the marks over the blocks before. ``marked`` receives the block of each number that it has room
-    for.
-    """
+def note_marks(blocks: BlockGroup, marks: Ints):
+    """One for each marked block, zero for the others, to be summed."""
     b = wp.tid()
-    if b == 0:
-        status.counts[which] = blocks.sums[blocks.sums.shape[0] - 1]
-    if marks[b] != 0:
-        place = blocks.sums[b]
+    blocks.sums[b] = wp.where(marks[b] >= 0, 1, 0)
+
+
+def _number_mark(status: StatusGroup, blocks: BlockGroup, marks: Ints, which: int, room: int, marked: Ints, b: int, place: int):
+    """Give a block its ``place`` if it is marked; the last block knows how many are."""
+    mark = wp.where(marks[b] >= 0, 1, 0)
+    if b == blocks.sums.shape[0] - 2:
+        status.counts[which] = place + mark
+        if place + mark > room:
+            status.flags[HALT] = GROW
+    if mark != 0:
         marks[b] = place
         if place < marked.shape[0]:
             marked[place] = b
-    else:
-        marks[b] = -1
 
 
-def require_ground(status: StatusGroup, places: int, slots: int):
-    """Halt if there is no room for the surface under so many blocks, or for the impulses of so many."""
-    if wp.tid() == 0 and (status.counts[NEAR] > places or status.counts[GROUNDED] > slots):
-        status.flags[HALT] = GROW
+def number_marked(
+    status: StatusGroup, blocks: BlockGroup, marks: Ints, which: int, room: int, marked: Ints, summed: int, launched: int,
+):  # fmt: skip
+    """Number the marked blocks in their order, and count them; halt if there is no ``room`` for so many.
+
+    If ``summed``, ``blocks.sums`` are the sums of the marks over the blocks before; else a warp a block counts them: a mark that is
+    numbered stays a mark. ``marked`` receives the block of each number that it has room for.
+    """
+    b, lane = wp.tid()
+    b, lane = own_block(b), own_lane(lane)
+    last = blocks.sums.shape[0] - 1
+    if summed != 0:
+        for own in range(b * lane_count() + lane, last, launched * lane_count()):
+            _number_mark(status, blocks, marks, which, room, marked, own, blocks.sums[own])
+    elif marks[b] >= 0 or b == last - 1:
+        before = int(0)
+        for other in range(lane, b, lane_count()):
+            before += wp.where(marks[other] >= 0, 1, 0)
+        place = sum_before(before)[1]
+        if lane == 0:
+            _number_mark(status, blocks, marks, which, room, marked, b, place)
 
 
 def note_shares(status: StatusGroup, blocks: BlockGroup, ground: GroundGroup):
@@ -333,11 +356,8 @@ class Ground:
         run(k.clear_marks, max(index.capacity, nodes.places), ground)
         run(k.note_near, index.capacity, index.block_group, ground, scenes.constants, nodes.number(self.reach), cut)
         run(k.note_slopes, index.capacity, index.block_group, ground, cut)
-        for marks, which, blocks in ((nodes.near, NEAR, nodes.standing), (nodes.grounded, GROUNDED, wp.empty(0, dtype=wp.int32))):
-            wp.copy(index.sums, marks, count=index.capacity)
-            wp.utils.array_scan(index.sums, index.sums, inclusive=False)
-            run(k.number_marked, index.capacity, status, index.block_group, marks, which, blocks)
-        run(k.require_ground, 1, status, nodes.places, nodes.slots)
+        index.number_marked(nodes.near, NEAR, nodes.places, nodes.standing)
+        index.number_marked(nodes.grounded, GROUNDED, nodes.slots, nodes.nothing)
         run(k.note_shares, (nodes.places, 8), status, index.block_group, ground)
         run(k.keep_tiles, (index.capacity, 36), status, ground, cut)
         run(k.number_columns, nodes.columns.shape[0], status, index.block_group, nodes.contact_group)

@@ -4,12 +4,15 @@ A group has one meaning and one owner on the host, which fills it and fills it a
 here, with shape, type and meaning of each field. ``n`` is the number of places for particles, ``blocks`` the room for blocks,
 ``near`` the room for blocks whose particles may touch the ground, and ``scenes`` the number of scenes of the batch.
 
-A kernel receives the addresses by value. A CUDA graph therefore keeps those of the moment it was recorded, and is recorded again
-once an array has been made anew (see :mod:`runout.backends.hash.graphs`).
+A kernel receives the addresses and sizes of the arrays by value, in a record that is *packed*: warp's own record of an array has
+56 bytes, and a launch with kilobytes of arguments takes a microsecond more. The kernel opens the record, then works with the group.
+A CUDA graph keeps the addresses of the moment it was recorded, and is recorded again once an array has been made anew (see
+:mod:`runout.backends.hash.graphs`).
 """
 
 from __future__ import annotations
 
+import linecache
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +24,7 @@ from runout.backends.hash.layout import (
     Double,
     Doubles,
     Doubles2,
+    Filled,
     Floats,
     Halves,
     Int,
@@ -257,6 +261,11 @@ GROUPS = (
 )  # fmt: skip
 
 
+def pore_record(real: Any) -> Any:
+    """Type of the numbers of a release with pore pressure."""
+    return warp_record("pores", PORE_FIELDS, real)
+
+
 @cache
 def argument_types(real: Any) -> dict[str, Any]:
     """Types of kernel arguments for ``warp.float32`` or ``warp.float64`` by the names that the sources give them."""
@@ -268,7 +277,7 @@ def argument_types(real: Any) -> dict[str, Any]:
         "Ints": wp.array(dtype=wp.int32), "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16),
         "Floats": wp.array(dtype=wp.float32), "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
     }  # fmt: skip
-    types["PoreRecords"] = wp.array(dtype=warp_record("pores", PORE_FIELDS, real))
+    types["PoreRecords"] = wp.array(dtype=pore_record(real))
     return types | {group.__name__: _struct(group, real, types) for group in (*GROUPS, Home, Search)}
 
 
@@ -279,15 +288,45 @@ def _struct(group: type, real: Any, types: dict[str, Any]) -> Any:
 
 
 @cache
-def groups_of(real: Any) -> SimpleNamespace:
-    """The groups for a number type, by name."""
+def packing_of(real: Any) -> dict[Any, tuple[Any, Any]]:
+    """The packed record of each group that has arrays, and the function that opens it in a kernel, for a number type."""
     types = argument_types(real)
-    return SimpleNamespace(**{group.__name__: types[group.__name__] for group in GROUPS})
+    structs = {group: types[group.__name__] for group in GROUPS if group is not Constants}
+    return {struct: _packing(group, struct, real) for group, struct in structs.items()}
+
+
+def _packing(group: type, struct: Any, real: Any) -> tuple[Any, Any]:
+    kinds = {field: var.type for field, var in struct.vars.items()}
+    arrays = {field: kind for field, kind in kinds.items() if isinstance(kind, wp.array)}
+    sizes = {field: [f"{field}_size{axis}" for axis in range(kind.ndim)] for field, kind in arrays.items()}
+    fields = {field: wp.uint64 if field in arrays else kind for field, kind in kinds.items()}
+    fields |= {size: wp.int32 for some in sizes.values() for size in some}  # behind the addresses: no gaps
+    packed = wp.struct(type(f"Packed{struct.key}", (), {"__annotations__": fields}))
+    types = f'    """{real.__name__}: {group.__annotations__}"""'  # part of the key of compiled code
+    lines = [f"def open_{group.__name__}(packed: Packed):", types, "    group = Group()"]
+    for field in kinds:
+        shape = "".join(f"packed.{size}, " for size in sizes.get(field, ()))
+        array = f"wp.array(ptr=packed.{field}, shape=({shape}), dtype=of_{field})"
+        lines.append(f"    group.{field} = {array if field in arrays else f'packed.{field}'}")
+    source, place = "\n".join([*lines, "    return group", ""]), f"<{packed.key}>"
+    linecache.cache[place] = len(source), None, source.splitlines(True), place  # where warp reads the source
+    scope = {"wp": wp, "Packed": packed, "Group": struct} | {f"of_{field}": kind.dtype for field, kind in arrays.items()}
+    exec(compile(source, place, "exec"), scope)
+    return packed, wp.func(module=wp.get_module(f"runout.hash.groups.{real.__name__}"))(scope[f"open_{group.__name__}"])
+
+
+@cache
+def groups_of(real: Any) -> SimpleNamespace:
+    """What kernels take of the groups for a number type, by their names."""
+    types, packing = argument_types(real), packing_of(real)
+    structs = {group.__name__: types[group.__name__] for group in GROUPS}
+    return SimpleNamespace(**{name: packing.get(struct, (struct,))[0] for name, struct in structs.items()})
 
 
 def filled(struct: Any, owner: Any, **fields: Any) -> Any:
     """A group whose fields are the attributes of the same names of its owner, or those that are given."""
-    group = struct()
+    group = Filled(struct)
     for name in struct.vars:
-        setattr(group, name, fields[name] if name in fields else getattr(owner, name))
+        if "_size" not in name:
+            setattr(group, name, fields[name] if name in fields else getattr(owner, name))
     return group

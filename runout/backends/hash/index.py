@@ -21,11 +21,12 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.device_status import DeviceStatus
-from runout.backends.hash.groups import BlockGroup, KeyGroup, ParticleGroup, StatusGroup, filled
+from runout.backends.hash.groups import BlockGroup, ContactGroup, GridGroup, KeyGroup, ParticleGroup, StatusGroup, filled
 from runout.backends.hash.layout import (
     ALL_AT_WORK,
     BLOCKS,
     CELL_LANES,
+    COUNTED,
     ENTERED,
     GROW,
     HALT,
@@ -33,6 +34,7 @@ from runout.backends.hash.layout import (
     OFFSET,
     OWNERS,
     SHARED_BLOCKS,
+    SUMMED,
     TALLY,
     WARP,
     Ints,
@@ -47,7 +49,7 @@ from runout.backends.hash.limits import room_within
 from runout.backends.hash.stencil import _cell_entry
 from runout.physics.blocks import block_key, block_of, key_x, key_y, key_z, local_index, mixed
 from runout.physics.bspline import first_node
-from runout.physics.tensors import i64
+from runout.physics.tensors import i64, real
 
 count_in: Any = None  # adds one to a count; the binding puts it in its place
 add_marks: Any = None  # sets bits of a block, likewise
@@ -57,7 +59,7 @@ PARTICLES_PER_ENTRY = 128  # of the first table; it grows when it is half full
 NO_KEY = 2**63 - 1  # comes after every key
 MARGIN = 1  # cells that a particle moves from one sort to the next at most
 LARGEST_PIECE = 2**20  # particles: whole blocks, whose sums then have a fixed order
-RANKED = 4096  # blocks up to which counting smaller keys is faster than to sort the keys
+RANKED = 12288  # blocks up to which a warp for each that counts is faster than to sort keys, or to sum in several launches
 
 
 def _slot(keys: KeyGroup, key: Any):
@@ -75,8 +77,11 @@ def _slot(keys: KeyGroup, key: Any):
     return -1
 
 
-def _enter(status: StatusGroup, keys: KeyGroup, key: Any):
-    """Enter a key unless it is there. Nothing more is entered once the table is half full; the count shows that."""
+def _enter(status: StatusGroup, keys: KeyGroup, key: Any, owner: int):
+    """Enter a key unless it is there. Nothing more is entered once the table is half full; the count shows that.
+
+    If its block is an ``owner``, which may hold particles, it is counted with these too; they are entered before all others.
+    """
     mask = keys.table.shape[0] - 1
     wanted = wp.uint64(key + i64(1))
     place = int(mixed(key)) & mask
@@ -88,6 +93,7 @@ def _enter(status: StatusGroup, keys: KeyGroup, key: Any):
             found = wp.atomic_cas(keys.table, place, wp.uint64(0), wanted)
             if found == wp.uint64(0):
                 m = wp.atomic_add(status.counts, ENTERED, 1)
+                wp.atomic_add(status.counts, OWNERS, owner)
                 if m < keys.members.shape[0]:
                     keys.members[m] = key
                 return
@@ -101,7 +107,7 @@ def _enter_around(status: StatusGroup, keys: KeyGroup, x: int, y: int, z: int):
     for i in range(block_of(x - MARGIN), block_of(x + MARGIN) + 1):
         for j in range(block_of(y - MARGIN), block_of(y + MARGIN) + 1):
             for k in range(block_of(z - MARGIN), block_of(z + MARGIN) + 1):
-                _enter(status, keys, block_key(i, j, k))
+                _enter(status, keys, block_key(i, j, k), 1)
 
 
 def _present(particles: ParticleGroup, coordinates: Table2, p: int, d: int):
@@ -153,13 +159,31 @@ def enter_marked(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, marks:
     if ((marks[b] >> q) & 1) != 0:
         i = blocks.former[b, 0] + q // 9 - 1
         j = blocks.former[b, 1] + (q // 3) % 3 - 1
-        _enter(status, keys, block_key(i, j, blocks.former[b, 2] + q % 3 - 1))
+        _enter(status, keys, block_key(i, j, blocks.former[b, 2] + q % 3 - 1), 1)
 
 
-def note_owners(status: StatusGroup):
-    """Store how many blocks may hold particles: those that were entered so far."""
-    if wp.tid() == 0:
-        status.counts[OWNERS] = status.counts[ENTERED]
+def clear_index(
+    status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, grid: GridGroup, contacts: ContactGroup, keeps: int,
+):  # fmt: skip
+    """Set flags, counts, table, lists and what is known or booked by block to zero; ``keeps`` where the blocks are."""
+    t = wp.tid()
+    if t < status.flags.shape[0]:
+        status.flags[t] = 0
+    if t < status.counts.shape[0]:
+        status.counts[t] = 0
+    if t < keys.table.shape[0]:
+        keys.table[t] = wp.uint64(0)
+    if t < blocks.ends.shape[0]:
+        blocks.ends[t] = 0
+    if t < contacts.approach_speeds.shape[0]:
+        contacts.approach_speeds[t] = real(0.0)
+    if t < contacts.touching.shape[0]:
+        contacts.touching[t] = 0
+        for d in range(grid.booked.shape[1]):
+            grid.booked[t, d] = wp.float64(0.0)
+        if keeps != 0:
+            for d in range(3):
+                blocks.former[t, d] = blocks.coordinates[t, d]
 
 
 def enter_above(status: StatusGroup, keys: KeyGroup):
@@ -169,7 +193,7 @@ def enter_above(status: StatusGroup, keys: KeyGroup):
         key = keys.members[m]
         x = int(key_x(key)) + (q >> 2)
         y = int(key_y(key)) + ((q >> 1) & 1)
-        _enter(status, keys, block_key(x, y, int(key_z(key)) + (q & 1)))
+        _enter(status, keys, block_key(x, y, int(key_z(key)) + (q & 1)), 0)
 
 
 def require_room(status: StatusGroup, keys: KeyGroup, entries: int, capacity: int):
@@ -308,10 +332,10 @@ class Index:
         self.sums = wp.zeros(blocks + 1, dtype=wp.int32)
         self.block_group = filled(self.k.groups.BlockGroup, self)
 
-    def keep_former(self) -> None:
-        """Note where the blocks are, for particles that still name them while a new index is made."""
-        if self.capacity:
-            wp.copy(self.former, self.coordinates)
+    def clear(self, nodes: Any, keeps: bool) -> None:
+        """Empty table, lists and marks before a sort; ``keeps`` where the blocks are, which the particles still name meanwhile."""
+        groups = self.status.group, self.block_group, self.key_group, nodes.grid_group, nodes.contact_group
+        run(self.k.clear_index, max(self.table.shape[0], self.ends.shape[0]), *groups, int(keeps))
 
     def find_blocks(self, enter: Callable[[], None]) -> None:
         """Enter blocks by ``enter``, and number and link them; halts where table or arrays have no room for them.
@@ -319,16 +343,13 @@ class Index:
         Only launches; :meth:`grow` follows once the host has seen that.
         """
         k, entries, status = self.k, self.table.shape[0], self.status.group
-        self.table.zero_()
         enter()
         if self.box is not None:
             run(k.enter_given, len(self.box), status, self.key_group, self.box)
-        run(k.note_owners, 1, status)
         sorted_ = min(self.capacity, entries // 2)
         run(k.enter_above, (entries // 2, 8), status, self.key_group)
         run(k.require_room, max(sorted_, TALLY), status, self.key_group, entries, self.capacity)
         self._number_blocks(sorted_)
-        self.cstart.zero_()
         if self.ordered:
             self.down.fill_(-1)
         run(k.link_blocks, (self.capacity, 27), status, self.block_group, self.key_group)
@@ -355,20 +376,32 @@ class Index:
         elif self.nall > self.capacity:
             self.make_room(room)
 
-    def list_cells(self, nodes: Any, by_sums: bool = False) -> None:
-        """Where the cells start in the list: ``by_sums`` in the order of the blocks, else each block takes the next free stretch.
+    def list_cells(self, nodes: Any, given: int = 0) -> None:
+        """Where the cells start in the list: by what is ``given`` in the order of the blocks, else each takes the next stretch.
 
         A block of threads for each: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
         """
         run_blocks(
             self.k.list_cells, self.capacity, WARP, self.status.group, self.block_group, nodes.grid_group, nodes.ground_group,
-            nodes.contact_group, nodes.column_group, int(by_sums),
+            nodes.contact_group, nodes.column_group, given,
         )  # fmt: skip
 
-    def count_blocks(self) -> None:
-        """Numbers of particles in the blocks before each, and in all, into ``sums``."""
+    def count_blocks(self) -> int:
+        """Numbers of particles in the blocks into ``sums``: in each, or where blocks are many in those before; returns which."""
         run(self.k.count_blocks, self.capacity, self.block_group)
+        if self.capacity <= RANKED:
+            return COUNTED
         wp.utils.array_scan(self.sums, self.sums, inclusive=False)
+        return SUMMED
+
+    def number_marked(self, marks: Any, which: int, room: int, marked: Any) -> None:
+        """Number the marked blocks in their order, and count them; halts if there is no ``room`` for so many."""
+        blocks, summed = self.block_group, self.capacity > RANKED
+        if summed:
+            run(self.k.note_marks, self.capacity, blocks, marks)
+            wp.utils.array_scan(self.sums, self.sums, inclusive=False)
+        warps = -(-self.capacity // WARP) if summed else self.capacity
+        run_blocks(self.k.number_marked, warps, WARP, self.status.group, blocks, marks, which, room, marked, int(summed))
 
     def fit_launches(self, held: int) -> None:
         """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn.

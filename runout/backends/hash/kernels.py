@@ -43,7 +43,7 @@ from runout.backends.hash import (
     zones,
 )
 from runout.backends.hash import cells as cell_lists
-from runout.backends.hash.groups import argument_types, groups_of
+from runout.backends.hash.groups import argument_types, groups_of, packing_of
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.backends.hash.structures import FRICTION
 from runout.model.friction_laws import FrictionLaw
@@ -55,12 +55,12 @@ LAW_KERNELS = ("grid_to_particles", "change_step", "unpack", "sum_blocks", "sum_
 FRICTION_KERNELS = ("solve_contacts", "slow_columns", "update_nodes", "slow_nodes")
 SUM_KERNELS = ("particles_to_grid", "find_contacts", "list_cells", "note_up", "sum_columns")
 STRUCTURE_KERNELS = (
-    "find_structure_contacts", "solve_contacts", "note_beside", "require_beside", "carry_sums", "settle_impulses",
+    "find_structure_contacts", "solve_contacts", "note_beside", "carry_sums", "settle_impulses",
 )  # fmt: skip
 LANES = {  # of a block; other kernels have PARTICLE_LANES
     **dict.fromkeys(("particles_to_grid", "grid_to_particles"), CELL_LANES),
     **dict.fromkeys(("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks"), WARP),
-    "find_structure_contacts": WARP,
+    **dict.fromkeys(("find_structure_contacts", "number_marked"), WARP),
 }
 # threads of a block and blocks that share a multiprocessor, which bounds the registers of each thread
 FLOAT32_BLOCKS = {
@@ -195,7 +195,6 @@ def _kernels_of(
     names = _common_names(precision) | _constants(ordered, area, drags, starts_differ) | {"ZONED": zoned, "WET": wet}
     names |= {"SUBSTEPPED": what.substepped, "STRUCTURED": what.structured, "GIVES_MASS": not what.substepped}
     names["Surface"] = names["StructureGroup" if what.structured else "GroundGroup"]
-    names["Pores"] = names["Reals" if what.structured else "PoreGroup"]  # not read at structures: the group would pass 4 kilobytes
     names |= {"VELOCITIES": 2 * what.substepped, "LIMITS_START": area and not what.substepped}
     names |= (_law_names(law, precision, wet) if law else {}) | (_friction_names(friction, precision) if friction else {})
 
@@ -205,7 +204,8 @@ def _kernels_of(
         wanted = what.wanted(name) and needed.get(name, True)
         return modules[LANES.get(name, PARTICLE_LANES)] if wanted or name.startswith("_") else None
 
-    found = vars(warp_kernels(_physics(_number(precision)), what.sources, module_of, **names))
+    real = _number(precision)
+    found = vars(warp_kernels(_physics(real), what.sources, module_of, packing_of(real), **names))
     blocks = what.blocks | (DRAG_BLOCKS if drags else {}) if precision == "float32" else FLOAT64_BLOCKS
     for name in blocks.keys() & found.keys():
         found[name].options["launch_bounds"] = blocks[name]

@@ -38,7 +38,6 @@ Longs: TypeAlias = Any
 Materials: TypeAlias = Any
 Frictions: TypeAlias = Any
 Surface: TypeAlias = Any
-Pores: TypeAlias = Any
 PoreRecords: TypeAlias = Any
 Tile: TypeAlias = Any
 
@@ -99,12 +98,12 @@ CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of
 STARTS = CELL_LANES + 1  # where the cells of a block start and the last ends
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
 SECTOR = 32  # numbers of a line of the cache: where a block of threads begins
-SPARE, FEW = 5, 2**20  # free rows of the matrix, so that a sort moves as many at once; where there are fewer particles than this
+SPARE, FEW = ROWS + 1, 2**20  # free rows of the matrix, so that a sort moves all at once; where there are fewer particles than this
+SUMMED, COUNTED = 1, 2  # what a list of cells finds of each block: the sum of the particles in those before, or its own
 MANY = 512  # particles of a block whose impulses a further substep holds at once
 PITCH = MANY + MANY // WARP  # between two numbers of such a particle: the particles of 32 cells with 8 each lie in different banks
 PARTS = 2  # threads that share the particles of a cell there
 AT_ONCE = 4  # numbers that a thread of a sort loads at once
-CLEARING = 2**12  # threads that clear what lies behind the particles
 AMPLE = 2**12  # blocks, about 12 MB, that arrays get beyond what is needed
 ALL_AT_WORK = 1500  # pieces from which on every multiprocessor of a large GPU has work: fewer particles are cut into smaller ones
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
@@ -115,16 +114,43 @@ def layers_of(substepped: bool) -> int:
     return 1 + 2 * substepped
 
 
+class Filled:
+    """A group on the host: its arrays and numbers by name, and the ``record`` that a kernel takes."""
+
+    record: Any
+
+    def __init__(self, struct: Any):
+        vars(self)["record"] = struct()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        vars(self)[name] = value
+        if not isinstance(value, wp.array):
+            setattr(self.record, name, value)
+            return
+        item = wp.types.type_size_in_bytes(value.dtype)
+        if value.strides[-1] != item:
+            raise ValueError(f"{name}: neighbours lie {value.strides[-1]} bytes apart in place of {item}")
+        setattr(self.record, name, value.ptr or 0)
+        sizes = value.shape if value.ndim == 1 else (value.shape[0], value.strides[0] // item)  # of a part: from row to row
+        for axis, size in enumerate(sizes):
+            setattr(self.record, f"{name}_size{axis}", size)
+
+
+def _taken(arguments: tuple[Any, ...]) -> list[Any]:
+    """What a kernel takes of its arguments: of groups their records."""
+    return [a.record if isinstance(a, Filled) else a for a in arguments]
+
+
 def run(kernel: Any, dim: int | tuple[int, int], *arguments: Any) -> None:
     """Launch a kernel on the device of the scope, if there is anything to do."""
     if dim:
-        wp.launch(kernel, dim=dim, inputs=list(arguments), block_dim=PARTICLE_LANES)
+        wp.launch(kernel, dim=dim, inputs=_taken(arguments), block_dim=PARTICLE_LANES)
 
 
 def run_each(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
     """Launch a kernel with ``lanes`` threads for each block on the device of the scope."""
     if blocks:
-        wp.launch_tiled(kernel, dim=blocks, inputs=list(arguments), block_dim=lanes)
+        wp.launch_tiled(kernel, dim=blocks, inputs=_taken(arguments), block_dim=lanes)
 
 
 def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:

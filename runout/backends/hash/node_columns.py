@@ -19,7 +19,7 @@ import warp as wp
 from runout.backends import footprints
 from runout.backends.hash.account import Account
 from runout.backends.hash.columns import units_of
-from runout.backends.hash.layout import run
+from runout.backends.hash.layout import Filled, run
 from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOUNDS
 from runout.backends.hash.readback import NO_BLOCKS, Bounds, bounds_in
@@ -86,7 +86,8 @@ class _SumArrays:
         self.room = room + room // 4
         self.packed = wp.empty(BOUNDS + LANES * self.room, dtype=wp.int64)
         bounds = wp.array(np.stack([NO_BLOCKS, NO_BLOCKS]), dtype=wp.int32)
-        self.group = groups.AroundGroup()
+        self.group: Any = Filled(groups.AroundGroup)
+        self.group.turn = 0
         self.group.sums, self.group.bounds = wp.zeros(LANES * self.room, dtype=wp.int64), bounds
         self.group.found = self.packed.view(wp.float64)
 

@@ -66,7 +66,6 @@ class Report:
         """Launches that keep what has been booked by block since the last sort, and what particles that have gone took along."""
         self._sum_since_sort(parts)
         run_each(parts.k.keep_sums, self.kept.size, PARTICLE_LANES, parts.status.group, self.group)
-        parts.nodes.booked.zero_()
 
     def rows(self, parts: Parts) -> np.ndarray:
         """All sums of the present state (scenes, LEDGER_NUMBERS), see ``write_sums`` of ``observe``; the host waits once."""

@@ -16,7 +16,7 @@ import warp as wp
 
 from runout.backends.hash import limits
 from runout.backends.hash.block_numbers import GAP
-from runout.backends.hash.groups import filled
+from runout.backends.hash.groups import filled, pore_record
 from runout.backends.hash.layout import CLOCK, LASTING, SUBSTEPS
 from runout.backends.hash.unknown import UnknownCells
 from runout.backends.hash.validation import LARGEST_BLOCK, extent
@@ -73,7 +73,7 @@ class SceneArrays:
         self.shifts, self.substeps = 4 * self.rows * np.arange(many), np.ones(many, np.int64)
         self.wet = any(scene.is_wet for scene in scenes)
         pores = np.concatenate([scene.pore_table(first.dtype) for scene in scenes])
-        self.pores = wp.array(pores, dtype=kernels.groups.PoreGroup.vars["records"].type.dtype)
+        self.pores = wp.array(pores, dtype=pore_record(self.number))
         self.pore_density = wp.array(np.array([m.density for m in materials]), dtype=self.number)
         zones = Zones(scenes, kernels.friction_record)
         self.friction = zones.friction

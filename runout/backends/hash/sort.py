@@ -40,8 +40,7 @@ def present(parts: Parts) -> Works:
     table = s.joining.shape[1]
 
     def enter() -> None:
-        marks = parts.nodes.touching  # holds nothing that is needed between two steps
-        marks.zero_()
+        marks = parts.nodes.touching  # holds nothing that is needed between two steps, and is cleared
         run(k.mark_around, s.size, status, s.group, i.block_group, i.key_group, marks)
         run(k.enter_marked, (i.capacity, 27), status, i.block_group, i.key_group, marks)
         run(k.enter_joining, table, status, i.key_group, s.joining)
@@ -53,9 +52,9 @@ def present(parts: Parts) -> Works:
     return enter, number
 
 
-def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None]) -> None:
-    """Launches of a sort."""
-    parts.status.open_sort()
+def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None], keeps: bool = False) -> None:
+    """Launches of a sort; if the particles name the blocks of the present index, it ``keeps`` where these are."""
+    parts.index.clear(parts.nodes, keeps)
     parts.index.find_blocks(enter)
     if parts.ground is not None:
         parts.ground.cut(parts.k, parts.index, parts.nodes, parts.scenes)
@@ -66,17 +65,16 @@ def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None])
 
 
 def keep(parts: Parts, report: Report) -> None:
-    """Launches that keep what has been booked by block, and where the blocks are, before a sort."""
+    """Launches that keep what has been booked by block before a sort."""
     report.keep(parts)
     if parts.structures is not None:
         run(parts.k.carry_sums, len(parts.structures.upper), parts.structures.group)
-    parts.index.keep_former()
 
 
 def enqueue_again(parts: Parts, report: Report) -> None:
     """Launches of a sort of the particles where they are, and of those that join; what is booked by block is kept by scene."""
     keep(parts, report)
-    enqueue(parts, *present(parts))
+    enqueue(parts, *present(parts), keeps=True)
 
 
 def settle(parts: Parts, again: Callable[[], Works], found: Snapshot | None = None) -> dict[str, np.ndarray]:

@@ -1,12 +1,12 @@
 """State: the arrays of the particles on the device.
 
     memory (25, n)    turn 0: | record 0 ... 23 | radius |     turn 1: | radius | record 0 ... 23 |
-    memory (30, n)    turn 0: | record 0 ... 23 | radius | 5 free |     turn 1: | 5 free | record 0 ... 23 | radius |
+    memory (50, n)    turn 0: | record 0 ... 23 | radius | 25 free |    turn 1: | 25 free | record 0 ... 23 | radius |
     a row             one number of every particle: neighbours in a warp read neighbours in memory
     number            place of a particle in the input; ``forces`` and pore pressure are in that order, all others in that of memory
 
 A sort moves each row to the row beside it, so that the particles need no second copy. Where particles are few, launches take the
-time: it moves five rows at once to the five that are free.
+time: one moves all rows to those that are free.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from runout.backends.hash.layout import (
     AFFINE,
     AT_ONCE,
     CELL_LANES,
-    CLEARING,
     FEW,
     HISTORY,
     MASS,
@@ -184,19 +183,17 @@ class Store:
         Only launches: :meth:`turn_over` follows. Nothing moves where the device has halted.
         """
         status, blocks = index.status.group, index.block_group
-        index.count_blocks()
-        index.list_cells(nodes, by_sums=True)
+        index.list_cells(nodes, index.count_blocks())
         self.place(k, index)
+        if self.only < 0:
+            self._bring_releases(k, index, nodes)
         if self.spare:
-            self._sort_rows_together(k, index)
+            self._sort_rows_together(k, index, nodes)
         else:
             self._sort_rows(k, index, nodes)
-        self._bring(k.gather_ints, k.bring_back_ints, index, nodes, self.number)
-        if self.only < 0:
-            self._bring(k.gather_shorts, k.bring_back_shorts, index, nodes, self.release)
-        nodes.grid.zero_(), nodes.approach_speeds.zero_()
-        run_blocks(k.renumber, index.shared, WARP, status, self.group, blocks, nodes.contact_group, index.piece)
-        run(k.clear_beyond, CLEARING, status, self.group, blocks)
+        numbers = nodes.scratch(self.size, wp.int32)
+        run_blocks(k.renumber, index.shared, WARP, status, self.group, blocks, nodes.contact_group, numbers, index.piece)
+        nodes.grid.zero_()
 
     def place(self, k: SimpleNamespace, index: Index) -> None:
         """List the particles of each cell, once it is known where the cells start; by their numbers where sums are ordered."""
@@ -205,11 +202,11 @@ class Store:
         if index.ordered:
             run(k.sort_cells, index.capacity * CELL_LANES, *groups)
 
-    def _bring(self, gather: Any, bring_back: Any, index: Index, nodes: NodeArrays, array: Any) -> None:
-        """An array in the order of the list, by way of the memory of the grid."""
-        scratch, status, blocks = nodes.scratch(self.size, array.dtype), index.status.group, index.block_group
-        run(gather, self.size, status, self.group, blocks, array, scratch)
-        run(bring_back, self.size, status, blocks, scratch, array)
+    def _bring_releases(self, k: SimpleNamespace, index: Index, nodes: NodeArrays) -> None:
+        """Releases in the order of the list, by way of the memory of the grid."""
+        scratch, status, blocks = nodes.scratch(self.size, wp.int16), index.status.group, index.block_group
+        run(k.gather_shorts, self.size, status, self.group, blocks, self.release, scratch)
+        run(k.bring_back_shorts, self.size, status, blocks, scratch, self.release)
 
     def _sort_rows(self, k: SimpleNamespace, index: Index, nodes: NodeArrays) -> None:
         """Rows in the order of the list, each to the place beside it, which has become free; only the radius is copied."""
@@ -221,14 +218,15 @@ class Store:
         for place in places:
             run(k.gather_reals, threads, status, self.group, blocks, self.memory[place], self.memory[place + step])
         run(k.bring_back_reals, self.size, status, blocks, scratch, radius)
+        run(k.gather_ints, self.size, status, self.group, blocks, self.number, nodes.scratch(self.size, wp.int32))
 
-    def _sort_rows_together(self, k: SimpleNamespace, index: Index) -> None:
-        """Rows in the order of the list, as many at once as are free; the radius goes with them."""
-        shift = self.spare * (1 - 2 * self.turn)
-        first = range(ROWS + 1 - self.spare, -1, -self.spare) if self.turn == 0 else range(self.spare, ROWS + 2, self.spare)
-        for row in first:
-            source, target = (self.memory[r : r + self.spare] for r in (row, row + shift))
-            run(k.gather_rows, self.size, index.status.group, self.group, index.block_group, source, target)
+    def _sort_rows_together(self, k: SimpleNamespace, index: Index, nodes: NodeArrays) -> None:
+        """Rows in the order of the list to those that are free; radius and number go with them."""
+        source, target = self.memory[:SPARE], self.memory[SPARE:]
+        if self.turn:
+            source, target = target, source
+        groups = index.status.group, self.group, index.block_group
+        run(k.gather_rows, self.size, *groups, source, target, nodes.scratch(self.size, wp.int32))
 
     def turn_over(self) -> None:
         """The rows lie in the other places now: after a sort, or again if it moved nothing. Each turn is named once."""

@@ -131,7 +131,7 @@ def touch_structures(parts: Parts, k: Any) -> bool:
     if slowing:
         run(k.slow_nodes, i.capacity * 64, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     for entering in range(2):
-        launches = (k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction, n.pore_group.left))
+        launches = (k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction, n.pore_group))
         for part, (kernel, more) in enumerate(launches):
             run_each(kernel, s.places, WARP, *arguments, *more, entering)
             if parts.ordered:

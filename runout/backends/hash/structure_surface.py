@@ -14,8 +14,8 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, GroundGroup, SceneGroup, StatusGroup, StructureGroup
-from runout.backends.hash.layout import BESIDE, GROW, HALT, REACHED, Vector
+from runout.backends.hash.groups import BlockGroup, GroundGroup, SceneGroup, StructureGroup
+from runout.backends.hash.layout import Vector
 from runout.physics.structures import (
     faces_more,
     is_closer,
@@ -176,12 +176,6 @@ def note_beside(blocks: BlockGroup, ground: GroundGroup, scenes: SceneGroup, str
                 for k in range(wp.max(first[2], 0), wp.min(last[2] + 1, structures.fields[s, UP])):
                     near = near or _row_of(structures, s, i, j, k) >= 0
     if near:
-        ground.near[b] = 1
+        ground.near[b] = 0
         for q in range(8):
-            ground.grounded[blocks.up[b, q]] = 1
-
-
-def require_beside(status: StatusGroup, places: int, slots: int):
-    """Halt if there is no room for so many blocks beside structures, or for the impulses of so many."""
-    if wp.tid() == 0 and (status.counts[BESIDE] > places or status.counts[REACHED] > slots):
-        status.flags[HALT] = GROW
+            ground.grounded[blocks.up[b, q]] = 0

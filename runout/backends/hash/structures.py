@@ -147,14 +147,11 @@ class Structures:
 
     def note_beside(self, k: SimpleNamespace, index: Index, scenes: SceneArrays) -> None:
         """Number the blocks beside structures; halts where these need more room."""
-        status, ground = index.status.group, self.ground_group
+        ground = self.ground_group
         run(k.clear_marks, max(index.capacity, self.places), ground)
         run(k.note_beside, index.capacity, index.block_group, ground, scenes.group, self.group)
-        for marks, which, blocks in ((self.near, BESIDE, self.standing), (self.grounded, REACHED, wp.empty(0, dtype=wp.int32))):
-            wp.copy(index.sums, marks, count=index.capacity)
-            wp.utils.array_scan(index.sums, index.sums, inclusive=False)
-            run(k.number_marked, index.capacity, status, index.block_group, marks, which, blocks)
-        run(k.require_beside, 1, status, self.places, self.slots)
+        index.number_marked(self.near, BESIDE, self.places, self.standing)
+        index.number_marked(self.grounded, REACHED, self.slots, wp.empty(0, dtype=wp.int32))
         self.note_shares(k, index)
 
     def note_shares(self, k: SimpleNamespace, index: Index) -> None:
