@@ -18,6 +18,7 @@ from runout.physics.tensors import tens, vec
 
 prange = range  # that of the compiler takes its place
 DITHER = 0.35  # particles by which the rounding of a pool differs from a half at most
+FAR_BELOW = -1e30  # [m]: ground that no mass is near
 MOVING = 0.1  # [m/s]: a column that is slower in the mean erodes nothing
 PARTS = 8  # of the time between two updates, where the rate changes with what is eroded in it
 
@@ -77,13 +78,25 @@ class Reached(NamedTuple):
 
 
 class Pools(NamedTuple):
-    """Nodes (nx, ny) of square pools."""
+    """Nodes of the bed (NX, NY), of which a part (nx, ny) is in square pools."""
 
-    owed: np.ndarray  # [m], less than nothing where particles came early
-    left: np.ndarray  # [m] that is not eroded yet
-    takes: np.ndarray  # [m] of a particle
-    born: np.ndarray  # particles that are born there
-    depth: np.ndarray  # [m] that is given for them
+    # there, eroded, owed: as of :class:`Depths` [m]; less than nothing is owed where particles came early
+    there: np.ndarray
+    eroded: np.ndarray
+    owed: np.ndarray
+    releases: np.ndarray  # that own most of each column
+    takes: np.ndarray  # (releases,): of the bed that a particle takes [m]
+    born: np.ndarray  # (nx, ny): particles that are born there
+
+
+class Newborn(NamedTuple):
+    """Particles (n,) of the bed."""
+
+    # place, force (n, 3), (n, 3): [m], and of the ground [N]
+    place: np.ndarray
+    force: np.ndarray
+    speed: np.ndarray  # of the column that takes it up [m/s]
+    release: np.ndarray
 
 
 def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed: Any):
@@ -113,9 +126,20 @@ def _eroded_in(time: Any, E: Any, left: Any, column: Any, slopes: Any, eroded: A
     return more
 
 
+def _with_row(row: Any, j: int, around: Any, squares: Any):
+    """Sums of masses and of their squares, with three more masses of a row."""
+    a, b, c = row[j - 1], row[j], row[j + 1]
+    return around + a + b + c, squares + a * a + b * b + c * c
+
+
 def _covered_at(mass: Any, i: int, j: int):
     """Share [1] of its ground that the column of a node with a ``mass`` (nx, ny) [kg] covers."""
     around, squares = 0.0, 0.0
+    if 0 < i < mass.shape[0] - 1 and 0 < j < mass.shape[1] - 1:  # bounds that vary take twice as long
+        around, squares = _with_row(mass[i - 1], j, around, squares)
+        around, squares = _with_row(mass[i], j, around, squares)
+        around, squares = _with_row(mass[i + 1], j, around, squares)
+        return covered_share(mass[i, j], around, squares)
     for a in range(max(i - 1, 0), min(i + 2, mass.shape[0])):
         for b in range(max(j - 1, 0), min(j + 2, mass.shape[1])):
             around += mass[a, b]
@@ -148,28 +172,90 @@ def _slopes(ground: Any, i: int, j: int, begin: Any):
     return found[1], found[2]
 
 
-def evaluate_ground(ground: Any, begin: Any, nodes: Any, places: Any, found: Any):
-    """Elevation [m] and slopes [1] of the ground at places within half a cell of nodes of the bed.
+def note_fall(depths: Any, sunk: Any, ground: Any, begin: Any, first: Any, size: Any, column: Any):
+    """Note by how much nodes fall that were eroded since they fell last, and their ground before; ``sunk`` is what was eroded then.
 
     Parameters
     ----------
+    depths : Depths
+    sunk : ndarray (NX, NY)
+        [m], set at the nodes that fall.
     ground : Ground
     begin : ndarray (7,) of int
-        As of :class:`Flow`; the first two numbers are the first node of the bed, counted from that of the plan.
-    nodes : ndarray (n, 2) of int
-        Counted from the first of the bed.
-    places : ndarray (n, 2)
-        [m].
-    found : ndarray (n, 3)
+        As of :class:`Flow`.
+    first, size : ndarray (2,) of int
+        First node that falls, among those of the bed, and number of nodes.
+    column : ndarray (2, nx, ny)
+        Fall and coefficients [m] of these nodes and as many around on each side; :data:`FAR_BELOW` all where no ground was made.
+    """
+    fall, floor, made = column[0], column[1], ground.coefficients.shape
+    around = (fall.shape[0] - size[0]) // 2, (fall.shape[1] - size[1]) // 2
+    for k in prange(len(fall)):
+        i = first[0] - around[0] + k
+        for n in range(fall.shape[1]):
+            j = first[1] - around[1] + n
+            fall[k, n], floor[k, n] = 0.0, FAR_BELOW
+            if around[0] <= k < around[0] + size[0] and around[1] <= n < around[1] + size[1]:
+                fall[k, n] = depths.eroded[i, j] - sunk[i, j]
+                sunk[i, j] = depths.eroded[i, j]
+            if -1 <= i < made[0] - 1 and -1 <= j < made[1] - 1:
+                level = _coefficient(ground, i, j, begin)
+                floor[k, n] = FAR_BELOW if math.isnan(level) else level
+
+
+def _within(node: Any, way: Any, spacing: Any, size: Any):
+    """Place [m] within half a cell of a ``node``, by the part of a ``way`` [cells] beyond whole cells; from 0 to ``size`` [m]."""
+    return min(max((node + (way - math.floor(way)) - 0.5) * spacing, 0.0), size)
+
+
+def bring_forth(born: Any, releases: Any, first: Any, numbers: Any, flow: Any, ground: Any, domain: Any, kinds: Any, newborn: Any):
+    """Place particles within half a cell of nodes, on the ground; they bear the flow above them from the beginning.
+
+    Each bears it on the area of its volume over the layer that it stands for.
+
+    Parameters
+    ----------
+    born, releases : ndarray (nx, ny), (NX, NY) of int
+        Particles of each node of a part of the bed; releases of all nodes.
+    first : ndarray (2, 2) of int
+        As of :func:`round_pools`.
+    numbers : ndarray (nx, 2) of int
+        Particles that were born before those of each row: in all, and of these.
+    flow : Flow
+    ground : Ground
+    domain : ndarray (2, 2)
+        Size of the raster [m]; way from particle to particle along each axis [cells].
+    kinds : ndarray (releases + 1,)
+        Volume [m3] of a particle of each release; radius [m].
+    newborn : Newborn
         Filled.
     """
-    spacing = ground.spacing
-    for p in range(len(nodes)):
-        i, j = nodes[p, 0], nodes[p, 1]
-        nine = _coefficients_around(ground, i, j, begin)
-        fx, fy = places[p, 0] / spacing[0] - (begin[0] + i - 1), places[p, 1] / spacing[1] - (begin[1] + j - 1)
-        at = surface_at(nine, fx, fy)
-        found[p, 0], found[p, 1], found[p, 2] = at[0], at[1] / spacing[0], at[2] / spacing[1]
+    spacing, begin, g = ground.spacing, flow.begin, vec(ground.gravity[0], ground.gravity[1], ground.gravity[2])
+    sums, radius, area = flow.sums, kinds[-1], spacing[0] * spacing[1]
+    place, force, speed, release = newborn.place, newborn.force, newborn.speed, newborn.release
+    for k in prange(len(born)):
+        number, p, i = numbers[k, 0], numbers[k, 1], first[0, 0] + k
+        for n in range(born.shape[1]):
+            if born[k, n] == 0:
+                continue
+            j = first[0, 1] + n
+            nine = _coefficients_around(ground, i, j, begin)
+            a, b, own, load, u = i - begin[2] + begin[0], j - begin[3] + begin[1], releases[i, j], 0.0, 0.0
+            if 0 <= a < sums.shape[1] and 0 <= b < sums.shape[2] and sums[4, a, b] > 0.0:
+                x, y, z = sums[1, a, b], sums[2, a, b], sums[3, a, b]
+                load, u = sums[4, a, b] / area, math.sqrt(x * x + y * y + z * z) / sums[4, a, b]
+            for _ in range(born[k, n]):
+                number += 1
+                x = _within(first[1, 0] + i, domain[1, 0] * number, spacing[0], domain[0, 0])
+                y = _within(first[1, 1] + j, domain[1, 1] * number, spacing[1], domain[0, 1])
+                at = surface_at(nine, x / spacing[0] - (first[1, 0] + i - 1), y / spacing[1] - (first[1, 1] + j - 1))
+                east, north = at[1] / spacing[0], at[2] / spacing[1]
+                normal = upward_normal(east, north)
+                bears = normal_stress(load, normal[2], g, normal) * kinds[own] / (2.0 * radius)
+                place[p, 0], place[p, 1], place[p, 2] = x, y, at[0] + radius * math.sqrt(1.0 + east * east + north * north)
+                force[p, 0], force[p, 1], force[p, 2] = bears * normal[0], bears * normal[1], bears * normal[2]
+                speed[p], release[p] = u, own
+                p += 1
 
 
 def _place(lattice: Any, axis: int, first: int, half: int):
@@ -294,11 +380,12 @@ def _pool_owes(owed: Any, low: Any, high: Any):
     return total, due, at
 
 
-def _pool_has(owed: Any, left: Any, low: Any, high: Any, share: float):
+def _pool_has(pools: Any, low: Any, high: Any, share: float):
     """Whether each node of a pool has what it gives, a ``share`` of what it owes."""
     for i in range(low[0], high[0]):
         for j in range(low[1], high[1]):
-            if share * max(owed[i, j], 0.0) > max(owed[i, j], 0.0) + left[i, j] + 1e-12:
+            due, left = max(pools.owed[i, j], 0.0), pools.there[i, j] - pools.eroded[i, j]
+            if share * due > due + left + 1e-12:
                 return False
     return True
 
@@ -313,9 +400,9 @@ def round_pools(pools: Any, first: Any, steps: Any, nearest: bool, size: int):
     Parameters
     ----------
     pools : Pools
-        ``born`` and ``depth`` are filled; they are zero before.
-    first : ndarray (2,) of int
-        The first node, counted from that of the plan.
+        What is given is owed no more; its particles are added to ``born``.
+    first : ndarray (2, 2) of int
+        First node of the part, counted from that of the bed; that of the bed, counted from that of the plan.
     steps : ndarray (2,)
         By which the rounding moves from node to node along each axis [1].
     nearest : bool
@@ -323,23 +410,24 @@ def round_pools(pools: Any, first: Any, steps: Any, nearest: bool, size: int):
     size : int
         Nodes of a pool along each axis.
     """
-    owed, born, depth = pools.owed, pools.born, pools.depth
-    rows, columns = owed.shape
-    for i0 in range(0, rows, size):
-        for j0 in range(0, columns, size):
-            low, high = (i0, j0), (min(i0 + size, rows), min(j0 + size, columns))
+    owed, born = pools.owed, pools.born
+    end = first[0, 0] + born.shape[0], first[0, 1] + born.shape[1]
+    for k in prange((len(born) + size - 1) // size):
+        i0 = first[0, 0] + size * k
+        for j0 in range(first[0, 1], end[1], size):
+            low, high = (i0, j0), (min(i0 + size, end[0]), min(j0 + size, end[1]))
             total, due, at = _pool_owes(owed, low, high)
             if due <= 0.0:
                 continue
-            each = pools.takes[at[0], at[1]]
+            each = pools.takes[pools.releases[at[0], at[1]]]
             particles = max(total, 0.0) / each + 1e-9
             whole = number = math.floor(particles)
             if nearest:
-                place = (first[0] + i0) * steps[0] + (first[1] + j0) * steps[1]
+                place = (first[1, 0] + i0) * steps[0] + (first[1, 1] + j0) * steps[1]
                 number = math.floor(particles + 0.5 + DITHER * (1.0 - 2.0 * (place - math.floor(place))))
-            if not _pool_has(owed, pools.left, low, high, number * each / due):
+            if not _pool_has(pools, low, high, number * each / due):
                 number = whole
-            born[at[0], at[1]] = number
+            born[at[0] - first[0, 0], at[1] - first[0, 1]] += number
             for i in range(low[0], high[0]):
                 for j in range(low[1], high[1]):
-                    depth[i, j] = max(owed[i, j], 0.0) / due * (number * each)
+                    owed[i, j] -= max(owed[i, j], 0.0) / due * (number * each)

@@ -81,9 +81,7 @@ class Sinking(NamedTuple):
     """What lets the particles of a flow sink with their ground (:func:`runout.physics.bed.sunk`), at nodes of the plan."""
 
     first: tuple[int, int]  # node; two before the first that falls, as there are two behind the last
-    # arrays (nx, ny) [m]; fall: of the ground; ground: its coefficients before
-    fall: np.ndarray
-    ground: np.ndarray
+    column: np.ndarray  # (2, nx, ny) [m]: by how much the ground falls, and its coefficients before
     turn: float  # 0 to 1, another one each time: with the place of a particle it decides whether that sinks
 
 

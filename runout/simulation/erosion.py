@@ -39,7 +39,7 @@ from runout.model.terrain import Terrain
 from runout.quantities import CHANGE, ERODED
 from runout.release import arrangement
 from runout.simulation.bed_share import DepositMass
-from runout.simulation.plan_nodes import NODES_OF_A_THREAD, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, births
+from runout.simulation.plan_nodes import NODES_OF_A_THREAD, POOL_WIDTHS, THINNEST, AreaSums, Columns, GroundCoefficients, plan_loops
 
 LOGGER = logging.getLogger(__name__)
 TRAVEL = 2.0  # cells that the fastest particle may go between two updates
@@ -163,23 +163,33 @@ class ErodingBed:
 
     def _erode(self, engine: Backend, columns: Columns, lasting: float) -> float:
         """Add what is eroded in a time [s] to what nodes owe; returns the largest rate [m/s]."""
-        part_of, scene, ground = self._part(columns), self.scene, self.ground
+        part_of, scene = self._part(columns), self.scene
         rows = np.zeros((0, 0), np.int64)
         if self.bed.erosion.of_friction:
             x, y = ((start + np.arange(n)) * h for start, n, h in zip(columns.first, columns.shape, scene.spacing, strict=False))
             rows = scene.basal.rows(self.releases[part_of], x[:, None], y[None, :])
         self.coefficients.make(columns.mass, columns.first)
-        low = np.array([part_of[0].start, part_of[1].start])
-        begin = np.array([*columns.begin, *low, *np.subtract(self.first, ground.first), columns.shape[1]], np.int64)
         reached = bed_loops.Reached(np.zeros(columns.shape[0]), np.zeros((columns.shape[0], 2), np.int64))
-        flow = bed_loops.Flow(columns.sums, self._pore_ratios(engine, columns), begin)
-        under = bed_loops.Ground(self.coefficients.values, ground.change, np.array(scene.spacing), np.array(scene.gravity))
+        flow = self._flow(columns, self._pore_ratios(engine, columns))
         laws = bed_loops.Laws(self.basal, rows, self.record, int(self.bed.erosion.of_friction))
-        depths = bed_loops.Depths(self.there, self.eroded, self.owed)
         with threads_at_most(columns.mass.size // NODES_OF_A_THREAD):
-            loops(self.law, scene.basal.law).erode_nodes(flow, under, laws, depths, lasting, reached)
-        self._note_changed(low[0] + np.flatnonzero(reached.nodes[:, 1]), reached.nodes)
+            loops(self.law, scene.basal.law).erode_nodes(flow, self._under, laws, self._depths, lasting, reached)
+        self._note_changed(part_of[0].start + np.flatnonzero(reached.nodes[:, 1]), reached.nodes)
         return float(reached.fastest.max())
+
+    def _flow(self, columns: Columns, pore_ratio: np.ndarray) -> bed_loops.Flow:
+        """Columns over nodes of the bed, with a pore pressure ratio (nx, ny) or none (0, 0)."""
+        low, change = np.subtract(columns.first, self.first), np.subtract(self.first, self.ground.first)
+        return bed_loops.Flow(columns.sums, pore_ratio, np.array([*columns.begin, *low, *change, columns.shape[1]], np.int64))
+
+    @property
+    def _under(self) -> bed_loops.Ground:
+        spacing, gravity = np.array(self.scene.spacing), np.array(self.scene.gravity)
+        return bed_loops.Ground(self.coefficients.values, self.ground.change, spacing, gravity)
+
+    @property
+    def _depths(self) -> bed_loops.Depths:
+        return bed_loops.Depths(self.there, self.eroded, self.owed)
 
     def _note_changed(self, rows: np.ndarray, reached: np.ndarray) -> None:
         """Widen the part that was eroded by some ``rows`` (k,) and the first and last nodes (n, 2) in each of all rows."""
@@ -211,29 +221,26 @@ class ErodingBed:
         return along, across
 
     def _give_birth(self, engine: Backend, columns: Columns, goes_on: bool) -> None:
-        """Particles for what pools of nodes owe (:func:`births`); the ground falls by all that is eroded.
+        """Particles for what pools of nodes owe (``bed_loops.round_pools``); the ground falls by all that is eroded.
 
         Where nothing is eroded any more, so that no erosion ``goes_on``, wider pools collect what is left of particles.
         """
-        part_of = self._pools_around(columns)
-        first = (self.first[0] + part_of[0].start, self.first[1] + part_of[1].start)
-        owed, releases, densities = self.owed[part_of], self.releases[part_of], self.scene.densities
+        part_of, densities = self._pools_around(columns), self.scene.densities
+        first = np.array([[part.start for part in part_of], self.first], np.int64)
         mass = (densities * self.volume).astype(self.scene.dtype).astype(np.float64)  # of a particle of each release
-        takes = (mass / (self.bed.density or densities) / self.area)[releases]  # [m] of the bed
-        left = self.there[part_of] - self.eroded[part_of]
-        count = np.zeros(owed.shape, np.int64)
-        for size in POOL_WIDTHS[:1] if goes_on else POOL_WIDTHS:
-            more, depth = births(owed, left, takes, first, goes_on, size)
-            owed -= depth
-            count += more
-        if not count.any():
+        takes = mass / (self.bed.density or densities) / self.area  # [m] of the bed
+        born = np.zeros([part.stop - part.start for part in part_of], np.int64)
+        pools = bed_loops.Pools(self.there, self.eroded, self.owed, self.releases, takes, born)
+        steps = np.array(arrangement.PLASTIC[:2])
+        with threads_at_most(born.size // NODES_OF_A_THREAD):
+            for size in POOL_WIDTHS[:1] if goes_on else POOL_WIDTHS:
+                plan_loops().round_pools(pools, first, steps, goes_on, size)
+        if not born.any():
             return
         self._lower_ground(engine)
-        self.coefficients.make(count, first)  # mass may have left these nodes before the run was resumed
-        nodes = np.nonzero(count)
-        i, j = (np.repeat(index, count[nodes]) for index in nodes)
-        newborn = self._particles_at(i + first[0], j + first[1], releases[i, j], mass, columns)
-        self._book(columns, newborn, i + first[0], j + first[1])
+        begin = int(first[:, 0].sum()), int(first[:, 1].sum())
+        self.coefficients.make(born, begin)  # mass may have left these nodes before the run was resumed
+        newborn = self._brought_forth(born, first, mass, columns)
         if len(self.scene.materials) > 1:
             assert isinstance(engine, WindowBackend)
             self._note_releases(self.releases[self._part(columns)], engine.plan_masses(columns.first, columns.shape))
@@ -244,13 +251,14 @@ class ErodingBed:
         (west, south), (east, north) = self.changed.tolist()
         if west >= east:
             return
-        changed = slice(west, east), slice(south, north)
-        depth = self.eroded[changed] - self.sunk[changed]
-        first, fall = (self.first[0] + west, self.first[1] + south), np.pad(depth, AROUND)
+        low, size = np.array([west, south]), np.array([east - west, north - south])
+        column = np.empty((2, *(size + 2 * AROUND)))
+        begin = np.array([0, 0, 0, 0, *np.subtract(self.first, self.ground.first), 0], np.int64)
+        with threads_at_most(column[0].size // NODES_OF_A_THREAD):
+            plan_loops().note_fall(self._depths, self.sunk, self._under, begin, low, size, column)
+        first, turn = (self.first[0] + west, self.first[1] + south), self.born * arrangement.PLASTIC[0] % 1.0
         around = first[0] - AROUND, first[1] - AROUND
-        turn = self.born * arrangement.PLASTIC[0] % 1.0
-        engine.lower(first, depth, Sinking(around, fall, self.coefficients.table(around, fall.shape), turn))
-        self.sunk[changed] = self.eroded[changed]
+        engine.lower(first, column[0, AROUND:-AROUND, AROUND:-AROUND], Sinking(around, column, turn))
         self.changed = NOTHING.copy()
 
     def _pools_around(self, columns: Columns) -> tuple[slice, slice]:
@@ -262,40 +270,29 @@ class ErodingBed:
         )
         return along, across
 
-    def _particles_at(self, i: np.ndarray, j: np.ndarray, releases: np.ndarray, mass: np.ndarray, columns: Columns) -> Particles:
-        """Particles at rest on the ground, of some ``releases`` (n,), within half a cell of the nodes ``i``, ``j`` (n,).
-
-        They bear the flow above them from the beginning, each on the area of its volume over the layer that it stands for.
-        """
-        number, raster = self.born + np.arange(len(i)), self.scene.raster
-        x, y = (
-            np.clip((index + (step * (number + 1)) % 1.0 - 0.5) * h, 0.0, cells * size)
-            for index, step, h, cells, size in zip(
-                (i, j), arrangement.PLASTIC, self.scene.spacing, (raster.columns, raster.rows), raster.cell_size, strict=False
-            )
-        )
-        z, east, north = self.coefficients.evaluate(i, j, x, y).T
-        above = self.radius * np.sqrt(1.0 + east**2 + north**2)
-        newborn = Particles.at(np.column_stack([x, y, z + above]), np.array(self.scene.spacing))
-        newborn.release[:] = releases
-        newborn.mass[:] = mass[releases]
-        newborn.volume[:] = newborn.mass / self.scene.densities[releases]
-        newborn.radius[:], newborn.identity[:] = self.radius, self.particles + number
-        if self.scene.is_wet:
-            stays = self.scene.pore_table()["equilibrium"][releases]
+    def _brought_forth(self, born: np.ndarray, first: np.ndarray, mass: np.ndarray, columns: Columns) -> Particles:
+        """The particles that are ``born`` (nx, ny) from a ``first`` node on (2, 2), at rest, of a ``mass`` (releases,) [kg]."""
+        scene, raster, in_rows = self.scene, self.scene.raster, born.sum(axis=1)
+        before, number = np.cumsum(in_rows) - in_rows, int(in_rows.sum())
+        places = np.empty((number, 3))
+        found = bed_loops.Newborn(places, np.empty((number, 3)), np.empty(number), np.empty(number, np.int32))
+        numbers, size = np.column_stack([self.born + before, before]), (raster.columns, raster.rows) * np.array(raster.cell_size)
+        domain, kinds = np.array([size, arrangement.PLASTIC[:2]]), np.array([*mass / scene.densities, self.radius])
+        flow = self._flow(columns, np.zeros((0, 0)))
+        with threads_at_most(born.size // NODES_OF_A_THREAD):
+            plan_loops().bring_forth(born, self.releases, first, numbers, flow, self._under, domain, kinds, found)
+        newborn = Particles.at(places, np.array(scene.spacing))
+        newborn.release[:], newborn.mass[:], newborn.volume[:] = found.release, mass[found.release], kinds[found.release]
+        newborn.radius[:], newborn.ground_force[:] = self.radius, found.force
+        newborn.identity[:] = self.particles + self.born + np.arange(number)
+        if scene.is_wet:
+            stays = scene.pore_table()["equilibrium"][found.release]
             ratio = self.bed.pore_pressure_ratio
             newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
-        self._bear(newborn, columns.at(i, j)[4] / self.area, np.array([east, north]))
         self._note_births(newborn.identity)
-        self.born += len(i)
+        self._book(newborn, found.speed)
+        self.born += number
         return newborn
-
-    def _bear(self, newborn: Particles, load: np.ndarray, slopes: np.ndarray) -> None:
-        """Put the force of the ground on particles under a ``load`` (n,) [kg/m2] by area of the plan, on ``slopes`` (2, n) [1]."""
-        physics = array_binding()
-        normal = physics.heightfield.upward_normal(*slopes)
-        stress = physics.bed.normal_stress(load, normal[2], self.scene.gravity, normal)
-        newborn.ground_force[:] = (stress * newborn.volume / (2.0 * newborn.radius) * np.array(normal)).T
 
     def _note_births(self, identity: np.ndarray) -> None:
         """Add consecutive identities (n,) to :attr:`spans`."""
@@ -305,12 +302,12 @@ class ErodingBed:
         else:
             self.spans = np.concatenate([self.spans, [[first, end]]])
 
-    def _book(self, columns: Columns, newborn: Particles, i: np.ndarray, j: np.ndarray) -> None:
-        """Add mass and energy of particles at nodes ``i``, ``j`` (n,)."""
+    def _book(self, newborn: Particles, speed: np.ndarray) -> None:
+        """Add mass and energy of particles, which columns with a ``speed`` (n,) [m/s] take up."""
         booked, height = self.booked, newborn.position(np.array(self.scene.spacing)) @ np.array(self.scene.gravity)
         booked.entrained_mass += float(newborn.mass.sum())
         booked.entrained_energy -= float(newborn.mass @ height)
-        booked.entrainment_dissipation += float(0.5 * newborn.mass @ columns.speed_at(i, j) ** 2)
+        booked.entrainment_dissipation += float(0.5 * newborn.mass @ speed**2)
 
     @staticmethod
     def _note_releases(releases: np.ndarray, masses: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Nodes of the plan: columns of the flow around them, sums by area, and the particles that they give for what is eroded."""
+"""Nodes of the plan: columns of the flow around them, their ground, and sums by area."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,11 +11,9 @@ from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import NodeSums
 from runout.model.nodal_surface import TILE, WIDTH, NodalSurface
 from runout.model.scene import Raster, Scene
-from runout.release import arrangement
 
 POOL_WIDTHS = 2, 4, 8, 16  # nodes
 THINNEST = 1e-6  # [m] of a bed; less is rounding
-FAR_BELOW = -1e30  # [m]: ground that no mass is near
 NODES_OF_A_THREAD = 2**11  # that are worth a thread of their own
 
 
@@ -44,19 +42,6 @@ class Columns:
         """[kg] of the part (nx, ny)."""
         (i, j), (n, m) = self.begin, self.shape
         return self.sums[4, i : i + n, j : j + m]
-
-    def at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Sums (5, n) at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part."""
-        a, b = i - self.first[0], j - self.first[1]
-        inside = (a >= 0) & (a < self.shape[0]) & (b >= 0) & (b < self.shape[1])
-        found = np.zeros((5, len(i)))
-        found[:, inside] = self.sums[:, a[inside] + self.begin[0], b[inside] + self.begin[1]]
-        return found
-
-    def speed_at(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-        """Mean speed (n,) [m/s] at nodes ``i``, ``j`` (n,) of the plan; 0 beyond the part and without mass."""
-        own = self.at(i, j)
-        return np.sqrt((own[1:4] ** 2).sum(axis=0)) / np.maximum(own[4], np.finfo(float).tiny)
 
 
 class GroundCoefficients:
@@ -102,64 +87,12 @@ class GroundCoefficients:
         numbers = (np.array(values, np.float64) for values in (surface.origin, surface.spacing, self.ground.spacing))
         lattice = bed_loops.Lattice(np.ascontiguousarray(surface.coefficients, np.float64), *numbers)
         with threads_at_most(len(tiles) * TILE**2 // NODES_OF_A_THREAD):
-            _loops().resample_windows(lattice, np.array(self.first, np.int64), windows, self.values)
+            plan_loops().resample_windows(lattice, np.array(self.first, np.int64), windows, self.values)
         self.known[*(tiles - self.begin).T] = True
-
-    def table(self, first: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
-        """Coefficients [m] with the change at nodes (nx, ny) from the ``first`` on; far below all where none were made."""
-        made = cut_out(self.values, self.first, first, shape, np.nan)
-        return np.nan_to_num(made + cut_out(self.ground.change, self.ground.first, first, shape, 0.0), nan=FAR_BELOW)
-
-    def evaluate(self, i: np.ndarray, j: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Elevation [m] and slopes [1] (n, 3) of the ground at ``x``, ``y`` (n,) [m], within half a cell of nodes made here."""
-        first = self.first[0] + 1, self.first[1] + 1
-        begin = np.array([*first, 0, 0, *np.subtract(first, self.ground.first), 0], np.int64)
-        record = bed_loops.Ground(self.values, self.ground.change, np.array(self.ground.spacing), np.zeros(3))
-        found = np.empty((len(i), 3))
-        _loops().evaluate_ground(record, begin, np.column_stack([i - first[0], j - first[1]]), np.column_stack([x, y]), found)
-        return found
-
-
-def cut_out(
-    values: np.ndarray, begin: tuple[int, int], first: tuple[int, int], shape: tuple[int, int], beyond: float
-) -> np.ndarray:
-    """Values of nodes (nx, ny) from the ``first`` on, of an array that has those from ``begin`` on; ``beyond`` it another one."""
-    found = np.full(shape, beyond)
-    low = [max(a, b) for a, b in zip(begin, first, strict=True)]
-    high = [min(a + n, b + m) for a, n, b, m in zip(begin, values.shape, first, shape, strict=True)]
-    if low[0] < high[0] and low[1] < high[1]:
-        here, there = (tuple(slice(a - o, b - o) for a, b, o in zip(low, high, one, strict=True)) for one in (first, begin))
-        found[here] = values[there]
-    return found
-
-
-def births(
-    owed: np.ndarray, left: np.ndarray, takes: np.ndarray, first: tuple[int, int], nearest: bool, size: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Number of particles (nx, ny) that are born at each node, and the depth (nx, ny) [m] that each node gives for them.
-
-    The loop is :func:`runout.backends.bed_loops.round_pools`.
-
-    Parameters
-    ----------
-    owed, left, takes : ndarray (nx, ny)
-        Depth [m] that nodes owe, that is not eroded yet, and that a particle takes.
-    first : tuple of int
-        The first node, counted from that of the plan.
-    nearest : bool
-        False: what pools owe is rounded down.
-    size : int
-        Nodes of a pool along each axis.
-    """
-    count, depth = np.zeros(owed.shape, np.int64), np.zeros(owed.shape)
-    pools = bed_loops.Pools(np.ascontiguousarray(owed), np.ascontiguousarray(left), takes, count, depth)
-    steps = np.array(arrangement.PLASTIC[:2], np.float64)
-    _loops().round_pools(pools, np.array(first, np.int64), steps, nearest, size)
-    return count, depth
 
 
 @cache
-def _loops() -> SimpleNamespace:
+def plan_loops() -> SimpleNamespace:
     """The compiled loops of :mod:`runout.backends.bed_loops` that know no law."""
     return numba_binding(np.float64, False).kernels(bed_loops)
 

@@ -20,7 +20,7 @@ from runout.release.arrangement import PLASTIC
 from runout.simulation import erosion
 from runout.simulation.checkpoint import Checkpoint
 from runout.simulation.erosion import ErodingBed, loops
-from runout.simulation.plan_nodes import births
+from runout.simulation.plan_nodes import Columns, plan_loops
 from runout.simulation.run import Run, RunControl
 from runout.studies.verification_cases.eroded_layer import eroded_layer, grown_volume, left_of_a_bed
 
@@ -438,11 +438,20 @@ def wall_beside():
     return replace(side_wall(), origin=(6.0, 16.05, -4.0))
 
 
+def births(loops, owed, left, nearest):
+    """Particles of 0.1 m that are born at nodes, and the depth that these give for them; a depth of ``left`` is not eroded."""
+    after, born = owed.copy(), np.zeros(owed.shape, np.int64)
+    there, releases = np.full(owed.shape, left + 2.0), np.zeros(owed.shape, np.int32)
+    pools = bed_loops.Pools(there, np.full(owed.shape, 2.0), after, releases, np.array([0.1]), born)
+    loops.round_pools(pools, np.zeros((2, 2), np.int64), np.array(PLASTIC[:2]), nearest, 2)
+    return born, owed - after
+
+
 def test_pools_owe_nothing_in_the_mean_after_births():
     """Of pools that owe any part of a particle, numbers are rounded up as often as down: pools that the flow leaves are even."""
     owed = np.zeros((400, 400))
     owed[::2, ::2] = 0.1 * np.random.default_rng(7).random((200, 200)) + 0.3
-    _, depth = births(owed, np.ones(owed.shape), np.full(owed.shape, 0.1), (0, 0), True, 2)
+    _, depth = births(plan_loops(), owed, 1.0, True)
     assert abs((owed - depth)[::2, ::2].mean() / 0.1) < 0.01
 
 
@@ -499,7 +508,7 @@ def test_flow_sinks_with_its_ground(backend):
     before, row, nodes = backend.particles(), backend.ledger(), a_scene.ground.surface.on_nodes((1.0, 1.0), (7, 17), (11, 9))
     x, y, z = before.position(np.ones(3)).T
     (ground, east, north), depth = a_scene.ground.evaluate(x, y), np.random.default_rng(3).random((7, 5)) * 0.2
-    backend.lower((9, 19), depth, Sinking((7, 17), np.pad(depth, 2), nodes.coefficients, 0.3))
+    backend.lower((9, 19), depth, Sinking((7, 17), np.stack([np.pad(depth, 2), nodes.coefficients]), 0.3))
     p, fall = backend.particles(), ground - a_scene.ground.evaluate(x, y)[0]
     touching = before.radius * np.sqrt(1.0 + east**2 + north**2)
     places = zip(z - ground, fall, touching, x, y, strict=True)
@@ -535,13 +544,11 @@ def test_flow_on_a_bed_is_as_high_as_its_volume(name):
 def test_a_pool_gives_whole_particles_where_it_owes_most_and_rounds_up_only_what_it_has(nearest, left, born):
     """Of 2 x 2 nodes the first four owe 3.5 particles, the others 0.7; the rounding adds 0.5 + 0.35 to the first."""
     owed = np.array([[0.05, 0.2], [0.1, 0.0], [0.09, 0.0], [-0.02, 0.0]])
-    count, depth = births(owed, np.full(owed.shape, left), np.full(owed.shape, 0.1), (0, 0), nearest, 2)
+    count, depth = births(plan_loops(), owed, left, nearest)
     assert count[0, 1] == born
-    np.testing.assert_allclose(depth[:2], owed[:2] / 0.35 * born * 0.1, rtol=1e-14)
-    pools = bed_loops.Pools(owed, np.full(owed.shape, left), np.full(owed.shape, 0.1), 0 * count, 0.0 * depth)
-    bed_loops.round_pools(pools, np.zeros(2, np.int64), np.array(PLASTIC[:2]), nearest, 2)
-    np.testing.assert_array_equal(pools.born, count)
-    np.testing.assert_array_equal(pools.depth, depth)
+    np.testing.assert_allclose(depth[:2], owed[:2] / 0.35 * born * 0.1, rtol=0, atol=1e-15)
+    for one, other in zip(births(bed_loops, owed, left, nearest), (count, depth), strict=True):
+        np.testing.assert_array_equal(one, other)
     if not nearest:
         assert count.sum() == 3
 
@@ -555,7 +562,7 @@ def rough_bed(depth=2.0):
 
 
 def test_ground_under_a_bed_is_that_of_contact_bit_by_bit():
-    """Its coefficients are made by a compiled loop, in tiles where mass is."""
+    """Its coefficients are made by a compiled loop, in tiles where mass is; particles are born on it as it is lowered."""
     bed, rng = rough_bed(), np.random.default_rng(2)
     mass = np.zeros(bed.shape)
     mass[3:40, 5:60] = rng.random((37, 55)) > 0.9
@@ -566,9 +573,14 @@ def test_ground_under_a_bed_is_that_of_contact_bit_by_bit():
     expected = bed.ground.surface.on_nodes(bed.ground.spacing, first, made.shape).coefficients
     np.testing.assert_array_equal(made[known], expected[known])
     bed.ground.lower(bed.first, rng.random(bed.shape))
-    i, j = (index + start for index, start in zip(np.nonzero(mass), bed.first, strict=True))
-    x, y = i + rng.random(len(i)) - 0.5, j + rng.random(len(j)) - 0.5
-    np.testing.assert_array_equal(bed.coefficients.evaluate(i, j, x, y).T, bed.ground.evaluate(x, y))
+    born = 2 * (mass > 0.0).astype(np.int64)
+    nothing = Columns(np.zeros((5, 1, 1)), (0, 0), bed.first, (1, 1))
+    newborn = bed._brought_forth(born, np.array([(0, 0), bed.first]), np.array([2000.0 * bed.volume]), nothing)
+    x, y, z = newborn.position(np.ones(3)).T
+    i, j = (np.repeat(index, 2) + start for index, start in zip(np.nonzero(mass), bed.first, strict=True))
+    assert max(np.abs(x - i).max(), np.abs(y - j).max()) <= 0.5 + 1e-9
+    elevation, east, north = bed.ground.evaluate(x, y)
+    np.testing.assert_allclose(z, elevation + bed.radius * np.sqrt(1.0 + east**2 + north**2), rtol=0, atol=1e-11)
 
 
 def test_births_lie_on_the_ground_where_no_mass_has_come_since_the_run_was_resumed():

@@ -164,9 +164,10 @@ class Batch:
         more = [(scene, p) for scene, p in more if len(p)]
         addition.require_joinable(self.parts, more, sum(len(p) for _, p in self.joining))
         for scene, p in more:
-            if self.present[scene] and fastest(p) > self.accounts[scene].max_speed:
-                self._note_speed(scene, fastest(p))
-            self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, fastest(p))
+            speed = fastest(p)
+            if self.present[scene] and speed > self.accounts[scene].max_speed:
+                self._note_speed(scene, speed)
+            self.accounts[scene].join(p, self.parts.scenes.scenes[scene].densities, speed)
             self.looks.join(scene, p)
         self.joining += more
         self._forget()
@@ -231,9 +232,9 @@ class Batch:
             with self._at_rest():
                 self._finish_sort()
                 parts.ground.take_changes(ground, first[0] - ground.first[0], len(depth), scene)
-                tables = [wp.array(table, dtype=wp.float64) for table in (flow.fall, flow.ground)]
+                column = wp.array(flow.column, dtype=wp.float64)
                 groups = parts.store.group, parts.index.block_group, parts.scenes.group, parts.scenes.constants
-                run(parts.k.sink, parts.store.n, *groups, *tables, scene, *flow.first, flow.turn)
+                run(parts.k.sink, parts.store.n, *groups, column[0], column[1], scene, *flow.first, flow.turn)
             self._forget()
         self.since_sort = STEPS_PER_SORT
 

@@ -105,7 +105,7 @@ class ReferenceBackend:
         if flow is None:
             return
         p, h = self._p, self.spacing
-        tables = np.pad(np.stack([flow.fall, flow.ground]), ((0, 0), (3, 3), (3, 3)))  # nodes beyond the part do not fall
+        tables = np.pad(flow.column, ((0, 0), (3, 3), (3, 3)))  # nodes beyond the part do not fall
         i, j = (np.clip(p.node[:, k] - flow.first[k] + 3, 0, tables.shape[k + 1] - 3) for k in range(2))
         nine = [tables[:, i + a, j + b] for a in range(3) for b in range(3)]
         physics = array_binding()

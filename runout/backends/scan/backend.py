@@ -134,8 +134,8 @@ class ScanBackend:
         self.lowered.append((first, depth.shape))
 
     def _sink(self, flow: Sinking) -> None:
-        c, column = self.tables.constants, np.stack([flow.fall, flow.ground])
-        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, column, flow.first, flow.turn)
+        c = self.tables.constants
+        self.k.sink(self.store.particles, self.index.blocks, c.corner, c.spacing, flow.column, flow.first, flow.turn)
 
     def _cut_lowered(self, first: tuple[int, int], shape: tuple[int, ...]) -> None:
         """Cut the tiles of the blocks over so many nodes from the ``first`` on."""
@@ -326,7 +326,7 @@ class ScanBackend:
                 self.particles()
             case "pack":
                 self._close_gaps()
-                self._sink(Sinking((0, 0), np.zeros((1, 1)), np.zeros((1, 1)), 0.0))
+                self._sink(Sinking((0, 0), np.zeros((2, 1, 1)), 0.0))
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
