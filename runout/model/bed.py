@@ -128,10 +128,10 @@ class Bed:
         sentences += [*self._depth_sentences(terrain, float(left.max())), *self._unit_sentences()]
         dry = [release.name for release in releases if release.pore_pressure is None]
         if self.pore_pressure_ratio and dry:
-            several = f"releases {', '.join(dry)} are dry: what they take" if len(dry) > 1 else f"release {dry[0]} is dry: what it takes"
+            named = f"releases {', '.join(dry)} are" if len(dry) > 1 else f"release {dry[0]} is"
             sentences.append(
-                f"{self.source}: pore_pressure is {self.pore_pressure_ratio:.3g}, but {several} up is dry too; give it a pore_pressure, "
-                "which says how water drains"
+                f"{self.source}: pore_pressure is {self.pore_pressure_ratio:.3g}, but {named} dry: what joins it is dry too; "
+                "give it a pore_pressure, which says how water drains"
             )
         layer = volume / (spacing[0] * spacing[1])
         thickest = float(left.max())
