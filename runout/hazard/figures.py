@@ -60,15 +60,16 @@ def member_figures(
     reached = np.isfinite(maps[ARRIVAL]) if least is None else np.nan_to_num(maps[thickness]) >= np.float32(least)
     distance, angle = reach.runout(reached)
     deposit = np.nan_to_num(maps["deposit_thickness"][~reach.released])
-    total = float(ledger["mass"][-1] + ledger["escaped_mass"][-1])
-    of_bed = _volumes(member, float(ledger["escaped_mass"][-1]) / total, reach, inflow) if CHANGE in member.held() else {}
+    mass, escaped = float(ledger["mass"][-1]), float(ledger["escaped_mass"][-1])
+    share = escaped / (mass + escaped) if mass + escaped != 0.0 else 0.0  # no mass has started
+    of_bed = _volumes(member, share, reach, inflow) if CHANGE in member.held() else {}
     return {
         "runout_distance": distance,
         "reach_angle_deg": math.degrees(angle),
         "reached_area": float(reached.sum()) * reach.cell_area / 1e6,
         "highest_speed": float(np.nanmax(maps["max_speed"])),
         "deposit_volume": float(deposit.sum(dtype=np.float64)) * reach.cell_area,
-        "escaped_fraction": 100.0 * float(ledger["escaped_mass"][-1]) / total,
+        "escaped_fraction": 100.0 * share,
         "end_time": float(ledger["time"][-1]),
         **of_bed,
     }

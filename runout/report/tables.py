@@ -302,7 +302,7 @@ def mass_error(ledger: Ledger) -> float:
     """Largest relative change of the mass on the raster and beyond its edge, less that which entered later or from a bed [1]."""
     whole = ledger["mass"] + ledger["escaped_mass"]
     total = whole - ledger.get("entered_mass", 0.0) - ledger.get("entrained_mass", 0.0)
-    return float(np.abs(total - total[0]).max() / whole.max())
+    return float(np.abs(total - total[0]).max() / (whole.max() or 1.0))
 
 
 def balance(study: Study) -> dict[str, str]:

@@ -357,7 +357,9 @@ class Run:
         if self.time >= self.forces.due - self._rounding:
             self.forces.record(self.time, self.engine.structure_impulses())
         self._keep_snapshots()
-        if self.time >= min(self.ledger_due - self._rounding, end):
+        if self.time >= end:
+            self._let_enter()  # what is due at the end is in the last row and in the maps
+        if not self.reason and self.time >= min(self.ledger_due - self._rounding, end):
             self._observe()
         self._let_enter()
         self._go_to_next_mass()
@@ -379,6 +381,8 @@ class Run:
             self.rest = AtRest()
             self._observe()
             self._end_series()
+        elif number and self.time >= self.control.end_time - self._rounding:
+            self._note(self.time, self._columns())
 
     def _go_to_next_mass(self) -> None:
         """Without any mass, go to the time at which some enters, or to the end: there is nothing to compute."""
@@ -389,10 +393,9 @@ class Run:
             self._end_series()
             self.forces.due = max(self.forces.due, self.time)
             self._keep_snapshots()
-            if self.time >= self.control.end_time - self._rounding:
+            self._let_enter()
+            if not self.reason and self.time >= self.control.end_time - self._rounding:
                 self._observe()
-            else:
-                self._let_enter()
 
     def _erode(self, bed: ErodingBed) -> None:
         """Erode the bed up to the present time."""

@@ -77,6 +77,21 @@ def test_the_volume_of_the_hydrograph_enters(backend, precision):
 
 
 @EACH
+@pytest.mark.parametrize("discharge", [60.0, 0.5])
+def test_what_is_due_at_the_end_of_the_run_enters(backend, discharge):
+    """The run ends with the hydrograph: the last plane, or the only one of a small discharge, is in ledger and maps."""
+    hydrograph = Hydrograph([0.5, 1.0, 2.5, 3.0], [0.0, discharge, discharge, 0.0])
+    result = run(flood(hydrograph, thickness=1.0), backend, end_time=3.0)
+    s, deposit = result.series, result.fields["deposit_thickness"]
+    assert s["entered_mass"][-1] == pytest.approx(hydrograph.volume * SOIL.density, rel=1e-12)
+    assert s["time"][-1] == 3.0
+    assert (np.diff(s["time"]) > 0.0).all()
+    assert unbooked(result) <= 1e-12
+    assert np.nansum(deposit) * CELL**2 == pytest.approx(hydrograph.volume, rel=1e-6)
+    assert np.nanmax(result.fields["max_flow_thickness"]) >= np.nanmax(deposit) * (1 - 1e-6)
+
+
+@EACH
 def test_mass_enters_downslope_at_the_speed_of_the_flow(backend):
     """With the speed of the hydrograph along the ground and the push of the flow upstream, however the line is drawn."""
     steady = Hydrograph([0.0, 2.0], [60.0, 60.0], [4.0, 4.0])

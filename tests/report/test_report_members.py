@@ -8,7 +8,7 @@ import pytest
 from runout.hazard.figures import member_figures
 from runout.hazard.reach import Reach, representative, representative_of
 from runout.report.figures import released_energy
-from runout.report.tables import energy_residual
+from runout.report.tables import energy_residual, mass_error
 
 EASTING, NORTHING = np.arange(5.0, 100.0, 10.0), np.arange(190.0, 0.0, -20.0)  # cells of 10 m by 20 m
 PLANE = np.broadcast_to(NORTHING[:, None], (10, 10))  # falls 45 degrees to the south
@@ -64,6 +64,17 @@ def test_the_volume_of_an_inflow_is_released_and_leaves_the_site_with_the_rest()
     assert figures["escaped_fraction"] == pytest.approx(25.0)
     assert figures["released_volume"] == pytest.approx(1000.0)
     assert figures["left_volume"] == pytest.approx(0.25 * (1000.0 + 8000.0))
+
+
+def test_a_member_in_which_no_mass_has_started_has_figures():
+    """Its inflow comes after the end of the run: nothing is reached, and nothing has left the site."""
+    maps = {"max_flow_thickness": 0.0, "max_speed": 0.0, "deposit_thickness": 0.0, "eroded_depth": 0.0, "elevation_change": 0.0}
+    member = SimpleNamespace(held=lambda: list(maps), within=lambda name, part: np.full((10, 10), maps[name])[part])
+    ledger = {"mass": np.zeros(2), "escaped_mass": np.zeros(2), "time": np.array([0.0, 9.0])}
+    figures = member_figures(member, ledger, Reach.on(cells((2, 2)), EASTING, NORTHING, PLANE), least=0.1)
+    assert math.isnan(figures.pop("reach_angle_deg"))
+    assert {name: value for name, value in figures.items() if value} == {"end_time": 9.0}
+    assert mass_error(ledger) == 0.0
 
 
 def test_the_run_out_is_that_to_the_farthest_cell_of_the_threshold():
