@@ -30,7 +30,7 @@ MODELS = {"runout": "`ramms`", "growth": "`growth`", "energy": "`energy`", "land
 COMPARED = ("runout", "landlab")  # models of the spread and the figure
 RANGES_OF = {"runout": RANGES, **LAW_RANGES, "landlab": AUTOMATON_RANGES}
 CRITERIA = ("net", "gross", "map", "areas")
-SHOWN = "map"  # criterion of the the figure
+SHOWN = "map"  # criterion of the figure
 LABELS = ("1, 3, 5", "2, 4, 6")
 OPENING = """# Cascades 2021 fitted on half of the reaches
 

@@ -130,8 +130,8 @@ class Bed:
         if self.pore_pressure_ratio and dry:
             named = f"releases {', '.join(dry)} are" if len(dry) > 1 else f"release {dry[0]} is"
             sentences.append(
-                f"{self.source}: pore_pressure is {self.pore_pressure_ratio:.3g}, but {named} dry: what joins it is dry too; "
-                "give it a pore_pressure, which says how water drains"
+                f"{self.source}: pore_pressure is {self.pore_pressure_ratio:.3g}, but {named} dry, and so is what joins dry mass; "
+                "state pore_pressure of the release, which says how water drains"
             )
         layer = volume / (spacing[0] * spacing[1])
         thickest = float(left.max())

@@ -365,7 +365,10 @@ class Run:
         self._go_to_next_mass()
 
     def _let_enter(self) -> None:
-        """Let mass enter that is due. With a whole mass, or the first one, maps get the columns before and after its time."""
+        """Let mass enter that is due. With a whole mass, or the first one, maps get the columns before and after its time.
+
+        At the end of the run they get the columns with what enters then.
+        """
         entering = self.entering
         if self.reason or entering is None or entering.due > self.time + self._rounding:
             return

@@ -23,21 +23,21 @@ from tests.benchmarks import bed_valley
 MAPS = "max_flow_thickness", "deposit_thickness", "eroded_depth"
 OFTEN = 0.05, 2.0  # particles that a pool may owe, cells between two updates
 CHOICES = (0.4, 2.0), (0.25, 2.0), (0.25, 0.5), (0.1, 2.0)
-Found = tuple[float, dict[str, np.ndarray]]
+Outcome = tuple[float, dict[str, np.ndarray]]
 
 
-def run(scene: str, cell: float, end: float, seed: int) -> Found:
+def run(scene: str, cell: float, end: float, seed: int) -> Outcome:
     """Volume [m3] that is taken up, and maps."""
     terrain, release = bed_valley.SCENES[scene]()
     result = runout.simulate(
         terrain, release, bed_valley.SOIL, basal_friction_angle=bed_valley.FRICTION, cell_size=cell, end_time=end, threads=1,
         seed=seed, bed=runout.Bed(bed_valley.BED),
     )  # fmt: skip
-    taken = float(result.ledger["entrained_mass"][-1]) / bed_valley.SOIL.density
-    return taken, {name: np.nan_to_num(result.maps[name].values) for name in MAPS}
+    volume = float(result.ledger["entrained_mass"][-1]) / bed_valley.SOIL.density
+    return volume, {name: np.nan_to_num(result.maps[name].values) for name in MAPS}
 
 
-def differences(pairs: list[tuple[Found, Found]]) -> str:
+def differences(pairs: list[tuple[Outcome, Outcome]]) -> str:
     """Mean differences [%] of maps over pairs."""
     each = {name: [100.0 * np.abs(a[name] - b[name]).sum() / b[name].sum() for (_, a), (_, b) in pairs] for name in MAPS}
     return ", ".join(f"{name} {np.mean(values):.1f} %" for name, values in each.items())
@@ -46,24 +46,25 @@ def differences(pairs: list[tuple[Found, Found]]) -> str:
 def by_births(scene: str, end: float, seeds: int) -> None:
     """Compare choices of births and updates with births five times as often."""
 
-    def runs(late: float, travel: float) -> list[Found]:
+    def runs(late: float, travel: float) -> list[Outcome]:
         erosion.LATE, erosion.TRAVEL = late, travel
         return [run(scene, bed_valley.CELL, end, seed) for seed in range(seeds)]
 
     often = runs(*OFTEN)
     for choice in CHOICES:
-        found = runs(*choice)
-        mass = [100.0 * (a / b - 1.0) for (a, _), (b, _) in zip(found, often, strict=True)]
-        told = f"{np.mean(mass):+.1f} % ({min(mass):+.1f} to {max(mass):+.1f})"
-        of_seeds = differences(list(combinations(found, 2)))
-        print(f"{scene} {choice}: mass {told}, {differences(list(zip(found, often, strict=True)))} ({of_seeds})", flush=True)
+        by_seed = runs(*choice)
+        pairs = list(zip(by_seed, often, strict=True))
+        mass = [100.0 * (a / b - 1.0) for (a, _), (b, _) in pairs]
+        mass_range = f"{np.mean(mass):+.1f} % ({min(mass):+.1f} to {max(mass):+.1f})"
+        of_seeds = differences(list(combinations(by_seed, 2)))
+        print(f"{scene} {choice}: mass {mass_range}, {differences(pairs)} ({of_seeds})", flush=True)
 
 
 def by_cells(scene: str, end: float, cells: list[float]) -> None:
     """Compare cells [m] with the smallest ones."""
-    found = {cell: run(scene, cell, end, 0) for cell in sorted(cells)}
-    finest = found[min(cells)]
-    for cell, one in found.items():
+    by_cell = {cell: run(scene, cell, end, 0) for cell in sorted(cells)}
+    finest = by_cell[min(cells)]
+    for cell, one in by_cell.items():
         mass = f"{one[0]:.0f} m3 ({100.0 * (one[0] / finest[0] - 1.0):+.1f} %)"
         print(f"{scene} cells of {cell:g} m: {mass}, {differences([(one, finest)])}", flush=True)
 
