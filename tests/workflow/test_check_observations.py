@@ -126,7 +126,9 @@ def test_reaches_that_are_not_on_a_thalweg_get_one_line_with_key_and_remedy(tmp_
 
 def test_reaches_are_not_blamed_for_a_thalweg_whose_file_is_missing(tmp_path):
     text = CHANGE.replace("0.5}", "0.5, reaches: 3}") + "  thalweg: {line: inputs/none.gpkg}\n"
-    found = inspect(write_site(tmp_path / "ramp", SITE + text))
+    folder = write_site(tmp_path / "ramp", SITE + text)
+    write_raster(folder / "inputs" / "dod.tif", laid(4.0) - slab())
+    found = inspect(folder)
     assert ["inputs/none.gpkg" in problem for problem in found.problems].count(True) == 1
     assert not [problem for problem in found.problems if "reaches" in problem]
 

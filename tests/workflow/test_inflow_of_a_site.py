@@ -187,6 +187,7 @@ def test_a_sample_that_an_inflow_has_a_use_of_is_not_refused(tmp_path):
 def test_a_mass_that_cannot_be_read_hides_no_fault_of_others_above_a_bed(tmp_path):
     second = "  - name: second\n    line: inputs/gauge.geojson\n    hydrograph: inputs/gauge.geojson\n    thickness: 6\n"
     text = WITH_RELEASE.replace(INFLOW, f"{INFLOW}{second}").replace("simulation:", f"{BED}simulation:")
+    text = text.replace("particles_per_cell: 8, ", "")
     found = inspect(site_of(tmp_path / "site", text, line=[[X, Y - 1.0], [X, Y + 1.0]]), forecast=False)
     assert ["inflow[0].line" in problem for problem in found.problems].count(True) == 1, found.problems
     assert ["inflow[1].hydrograph" in problem for problem in found.problems].count(True) == 1, found.problems
