@@ -237,7 +237,7 @@ def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Prob
     """Parameters of a release or inflow that make no material or friction with the others of the site."""
     own = OwnLaws(settings)
     of_masses = laws_of(settings)
-    places = [("release", i, mass) for i, mass in enumerate(settings.release)]
+    places: list[tuple[str, int, Any]] = [("release", i, mass) for i, mass in enumerate(settings.release)]
     places += [(inflow.INFLOW, i, mass) for i, mass in enumerate(settings.inflow or ())]
     for section, i, release in places:
         laws = of_masses[release.name]
