@@ -322,7 +322,6 @@ def source_of(
         If the line or the polygon is smaller than a cell.
     """
     inlet.require_wide(inflow, spacing)
-    inlet.require_entering(inflow, end_time)
     how = inlet.Spacing.of(inflow, spacing, per_axis)
     return (PolygonSource if inflow.line is None else LineSource)(inflow, number, how, end_time, seed)
 
