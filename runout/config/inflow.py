@@ -114,9 +114,12 @@ def read_inflows(settings: "SiteSettings", file: Path, terrain: "Terrain") -> "R
 def _placed_inflow(entry: InflowSettings, file: Path, terrain: "Terrain") -> "Inflow":
     """An inflow; every problem names the line of site.yaml that states its file."""
     from runout.io.hydrographs import read_hydrograph
+    from runout.model.inflow import require_one_speed
 
     with placed(file, entry.name, "hydrograph"):
         series = read_hydrograph(locate(entry.hydrograph, file.parent))
+    with placed(file, entry.name, "hydrograph" if entry.thickness is None else "thickness"):
+        require_one_speed(series.source, entry.line is not None, entry.thickness is not None, series.velocity is not None)
     with placed(file, entry.name, "line" if entry.line is not None else "polygon"):
         inflow = _inflow(entry, file, terrain, series)
     if entry.pore_pressure is None:

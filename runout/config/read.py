@@ -234,17 +234,19 @@ def _without_rates(document: Document, settings: SiteSettings | None) -> Iterato
 
 
 def _unfit_releases(document: Document, settings: SiteSettings) -> Iterator[Problem]:
-    """Parameters of a release that make no material or friction with the others of the site."""
+    """Parameters of a release or inflow that make no material or friction with the others of the site."""
     own = OwnLaws(settings)
     of_masses = laws_of(settings)
-    for i, release in enumerate(settings.release):
+    places: list[tuple[str, int, Any]] = [("release", i, mass) for i, mass in enumerate(settings.release)]
+    places += [(inflow.INFLOW, i, mass) for i, mass in enumerate(settings.inflow or ())]
+    for section, i, release in places:
         laws = of_masses[release.name]
         blocks: Any = ("material", own.material_of, laws[0]), (KEY, own.friction_of, laws[1])
         for key, make, law in blocks:
             try:
                 make(release, {})
             except InputError as error:
-                yield document.problem(("release", i, key), *in_keys(error, law.parameters))
+                yield document.problem((section, i, key), *in_keys(error, law.parameters))
 
 
 def _inflows(

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     Mass = TypeVar("Mass", Release, Inflow)
 
 Laws = tuple[Law | None, FrictionLaw | None]
+VOLUME = "release_volume_factor"
 
 
 def laws_of(settings: "SiteSettings") -> dict[str, tuple[Law, FrictionLaw]]:
@@ -57,15 +58,19 @@ def stated_laws(site: Any) -> dict[str, Laws]:
     site = site if isinstance(site, dict) else {}
     of_site = (material.known_law(site.get(MATERIAL)), stated_law(site))
     laws_by_name: dict[str, Laws] = {}
-    masses = (mass for key in ("release", "inflow") if isinstance(site.get(key), list) for mass in site[key])
-    for release in masses:
-        if isinstance(release, dict):
-            own = release.get(MATERIAL), release.get(FRICTION)
-            blocks: tuple[Any, Any] = material.BLOCK, FRICTION_BLOCK
-            pairs = zip(own, of_site, blocks, strict=True)
-            laws: list[Any] = [block.known_law(one) if names_law(one) else law for one, law, block in pairs]
-            laws_by_name[str(release.get("name", "release"))] = (laws[0], laws[1])
+    for name, mass in _stated_masses(site):
+        own = mass.get(MATERIAL), mass.get(FRICTION)
+        blocks: tuple[Any, Any] = material.BLOCK, FRICTION_BLOCK
+        pairs = zip(own, of_site, blocks, strict=True)
+        laws: list[Any] = [block.known_law(one) if names_law(one) else law for one, law, block in pairs]
+        laws_by_name[name] = (laws[0], laws[1])
     return laws_by_name
+
+
+def _stated_masses(site: Any) -> list[tuple[str, dict[str, Any]]]:
+    """Name and block of every release and inflow of a site.yaml as it is stated; what is no block is left out."""
+    keys = [key for key in ("release", "inflow") if isinstance(site, dict) and isinstance(site.get(key), list)]
+    return [(str(mass.get("name", key)), mass) for key in keys for mass in site[key] if isinstance(mass, dict)]
 
 
 def names_law(block: Any) -> bool:
@@ -91,24 +96,29 @@ def unknown_own(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, st
         if not dot or parameter in release_start.RANGES:
             continue
         if name not in laws:
-            yield key, f"no release is called {name!r}", choice_fix(name, list(laws))
+            yield key, f"no release or inflow is called {name!r}", choice_fix(name, list(laws))
         elif None not in laws[name] and key not in own_ranges({name: laws[name]}):
             names = " and ".join(law.name for law in laws[name] if law)
             own = [one.partition(OF_RELEASE)[2] for one in own_ranges({name: laws[name]})]
-            yield key, f"the laws of release {name}, {names}, have no such parameter", choice_fix(parameter, own)
+            yield key, f"the laws of {name}, {names}, have no such parameter", choice_fix(parameter, own)
 
 
 def idle_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Sampled parameters of the site's material or friction where every release has one of its own: key, message and remedy."""
+    """Sampled parameters that no release and no inflow has a use of: key, message and remedy.
+
+    Those of the site's material or friction where every mass has one of its own, and a volume of releases where there are none.
+    """
     site = site if isinstance(site, dict) else {}
-    releases = [r for r in site.get("release") or [] if isinstance(r, dict)] if isinstance(site.get("release"), list) else []
+    masses = [mass for _, mass in _stated_masses(site)]
+    if VOLUME in sampled and masses and not site.get("release"):
+        yield VOLUME, "the site has no release", "remove it, or sample discharge_factor, which multiplies all inflows"
     law, friction = material.known_law(site.get(MATERIAL)), stated_law(site)
     of_kinds = (MATERIAL, sampled_in(law.parameters) if law else {}), (FRICTION, friction_ranges(friction) if friction else {})
     for block, ranges in of_kinds:
-        if releases and all(names_law(r.get(block)) for r in releases):
+        if masses and all(names_law(mass.get(block)) for mass in masses):
             for key in ranges.keys() & sampled.keys():
-                fix = f"write RELEASE{OF_RELEASE}{key} for one of them, or remove it"
-                yield key, f"every release has a {block} of its own, so that this changes nothing", fix
+                fix = f"write NAME{OF_RELEASE}{key} for one of them, or remove it"
+                yield key, f"every release and inflow has a {block} of its own, so that this changes nothing", fix
 
 
 @dataclass(frozen=True)

@@ -146,13 +146,17 @@ def start_conflicts(site: Any) -> Iterator[tuple[int, str, str, str]]:
 def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Sampled starts that the releases of a site.yaml do not have, or that may lie behind the end: key, message and remedy."""
     releases = {str(release.get("name", "release")): release for release in _releases(site)}
+    inflows = [str(one.get("name", "inflow")) for one in _releases(site, "inflow")]
     simulation = site.get("simulation") if isinstance(site, dict) else None
     end = simulation.get("end_time") if isinstance(simulation, dict) else None
     for key in filter(own_range, sampled):
         name, _, parameter = key.partition(OF_RELEASE)
         release = releases.get(name)
-        if release is None:
-            yield key, f"no release is called {name!r}", choice_fix(key, [key_of(other, parameter) for other in releases])
+        if release is None and name in inflows:
+            yield key, f"{name} is an inflow, which starts as its hydrograph states", "remove it, or sample inflow_delay"
+        elif release is None:
+            choices = [key_of(other, parameter) for other in releases]
+            yield key, f"no release is called {name!r}", choice_fix(key, choices) if choices else "remove it"
         elif parameter == TIME and release.get(TRIGGER) is not None:
             yield key, f"release {name} {TRIGGER} the flow of another arrives, not at a time", "remove one of the two"
         elif parameter == SPEED and isinstance(release.get(VELOCITY), list):
@@ -161,8 +165,8 @@ def foreign_parameters(site: Any, sampled: Mapping[str, Any]) -> Iterator[tuple[
             yield key, f"it can give {latest:g} s; the run ends at {last:g} s", "narrow it, or set simulation.end_time later"
 
 
-def _releases(site: Any) -> list[dict[str, Any]]:
-    entries = site.get("release") if isinstance(site, dict) else None
+def _releases(site: Any, key: str = "release") -> list[dict[str, Any]]:
+    entries = site.get(key) if isinstance(site, dict) else None
     return [r if isinstance(r, dict) else {} for r in entries] if isinstance(entries, list) else []
 
 

@@ -565,5 +565,5 @@ class SiteSettings(Settings):
 
     @model_validator(mode="after")
     def _some_mass(self) -> "SiteSettings":
-        _raise_first(mass_conflicts({"release": self.release, "inflow": self.inflow}))
+        _raise_first(mass_conflicts({name: getattr(self, name) for name in ("release", "inflow") if name in self.model_fields_set}))
         return self

@@ -42,9 +42,12 @@ def read_hydrograph(path: str | PathLike[str]) -> Hydrograph:
         rows.append(values)
         of_line.append(number)
     columns = {name: np.array([row[name] for row in rows], np.float64) for name in places}
-    if not problems:
+    if not problems or rows:
+        told = {(problem.line, problem.key) for problem in problems}
         series = columns["time"], columns["discharge"], columns.get("velocity")
-        problems += [_placed(source, message) for message in hydrograph_problems(*series, [f"@{number}" for number in of_line])]
+        found = [_placed(source, message) for message in hydrograph_problems(*series, [f"@{number}" for number in of_line])]
+        problems += [problem for problem in found if (problem.line, problem.key) not in told]
+        problems.sort(key=lambda problem: problem.line or 0)
     if problems:
         more = len(problems) - MOST
         rest = [_problem(source, None, "", f"{more} more rows cannot be used", "mend those first")] if more > 0 else []

@@ -119,7 +119,7 @@ class Bed:
     def sentences(
         self, terrain: Terrain, releases: Sequence[Release], spacing: tuple[float, float, float], volume: float
     ) -> list[str]:
-        """What a user should know of the bed in a run with particles of a ``volume`` [m3]."""
+        """What a user should know of the bed in a run with particles of a ``volume`` [m3]; inflows are among the releases."""
         left, sentences = self.depth_on(terrain, releases), []
         whole = np.where(np.isfinite(terrain.elevation), self.depth, 0.0)
         lost = float((whole - left).sum() * terrain.cell_area)
@@ -128,10 +128,10 @@ class Bed:
         sentences += [*self._depth_sentences(terrain, float(left.max())), *self._unit_sentences()]
         dry = [release.name for release in releases if release.pore_pressure is None]
         if self.pore_pressure_ratio and dry:
-            named = f"releases {', '.join(dry)} are" if len(dry) > 1 else f"release {dry[0]} is"
+            named = f"{', '.join(dry)} {'are' if len(dry) > 1 else 'is'}"
             sentences.append(
                 f"{self.source}: pore_pressure is {self.pore_pressure_ratio:.3g}, but {named} dry, and so is what joins dry mass; "
-                "state pore_pressure of the release, which says how water drains"
+                "state pore_pressure of the release or inflow, which says how water drains"
             )
         layer = volume / (spacing[0] * spacing[1])
         thickest = float(left.max())

@@ -225,10 +225,10 @@ class Inflow:
     def __post_init__(self) -> None:
         remedy = "give runout.Hydrograph([0, 60], [20, 20]): times [s] and discharges [m3/s]"
         require_kind(Hydrograph, self.hydrograph, f"{self.source}: hydrograph", remedy, ConfigError)
-        for message, fix in inflow_conflicts(
-            self.line is not None, self.polygon is not None, self.thickness is not None, self.hydrograph.velocity is not None
-        ):
-            raise ConfigError(f"{self.source}: {message}; {fix}")
+        if (self.line is None) == (self.polygon is None):
+            said = "neither line nor polygon is given" if self.line is None else "line and polygon are both given"
+            raise ConfigError(f"{self.source}: {said}; give one of them")
+        require_one_speed(self.source, self.line is not None, self.thickness is not None, self.hydrograph.velocity is not None)
         if self.thickness is not None:
             checked("thickness", self.thickness, place=self.source, error=ConfigError)
         self._require_laws()
@@ -433,14 +433,13 @@ class Inflow:
         return as_html("Inflow", self._facts())
 
 
-def inflow_conflicts(line: bool, polygon: bool, thickness: bool, velocity: bool) -> "list[tuple[str, str]]":
-    """Conflicts between what is stated of an inflow: what is wrong, and the remedy."""
-    if line == polygon:
-        return [("line and polygon are both given" if line else "neither line nor polygon is given", "give one of them")]
-    if polygon and thickness:
-        return [("thickness has no meaning with a polygon, over which the surface rises", "remove it")]
-    if line and thickness == velocity:
-        said = "thickness and the velocities of the hydrograph are both given" if thickness else "neither thickness nor velocity"
-        fix = "remove thickness, or the column velocity" if thickness else "add thickness: [m], or a column velocity [m/s]"
-        return [(said if thickness else f"{said} is given", fix)]
-    return []
+def require_one_speed(source: str, line: bool, thickness: bool, velocity: bool) -> None:
+    """Raise ConfigError unless an inflow at a line has a thickness or velocities, not both, and one over a polygon no thickness."""
+    if not line and thickness:
+        raise ConfigError(f"{source}: thickness has no meaning with a polygon, over which the surface rises; remove it")
+    if line and thickness and velocity:
+        said = "thickness and the velocities of the hydrograph are both given"
+        raise ConfigError(f"{source}: {said}; remove thickness, or the column velocity")
+    if line and not (thickness or velocity):
+        said = "neither thickness nor velocity is given"
+        raise ConfigError(f"{source}: {said}; add thickness: [m] to the inflow, or a column velocity [m/s] to the hydrograph")

@@ -313,7 +313,7 @@ class PorePressure:
         return [np.asarray(ratio, np.float64), numbers]
 
 
-def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain, what: str) -> Iterator[str]:
+def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain) -> Iterator[str]:
     """What is stated of the pore pressure of a mass with a ``thickness`` (rows, columns) [m], and cannot act.
 
     Zones that hold none of it, blocks larger than it, and a pressure that is gone before gravity moves it by its thickness.
@@ -322,13 +322,13 @@ def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain, what: st
 
     covered = thickness > 0.0
     if isinstance(pore.ratio, RatioZones) and not (covered & (pore.ratio.zone >= 0)).any():
-        yield f"{what}: pore_pressure: no zone of the ratio lies on this mass; all of it has elsewhere, {pore.ratio.elsewhere:g}"
+        yield f"no zone of the ratio lies on this mass; all of it has elsewhere, {pore.ratio.elsewhere:g}"
     if isinstance(pore.ratio, RatioBlocks) and covered.any():
         sides = [np.ptp(np.nonzero(covered)[axis]) + 1 for axis in (0, 1)]
         extent = max(side * size for side, size in zip(sides, terrain.cell_size[::-1], strict=True))
         if pore.ratio.block >= extent:
             yield (
-                f"{what}: pore_pressure: ratio: block is {pore.ratio.block:g} m, the mass {extent:.4g} m: one or few ratios are "
+                f"ratio: block is {pore.ratio.block:g} m, the mass {extent:.4g} m: one or few ratios are "
                 "drawn for all of it; state smaller blocks"
             )
     deepest = float(thickness.max(initial=0.0))
@@ -337,7 +337,7 @@ def unused(pore: PorePressure, thickness: np.ndarray, terrain: Terrain, what: st
     if 0.0 < drained < 0.1 * falling:
         key = "decay_time" if pore.decay_time is not None else "diffusivity"
         yield (
-            f"{what}: pore_pressure: {key} drains the mass within {drained:.2g} s, before it moves (a fall by its thickness of "
+            f"{key} drains the mass within {drained:.2g} s, before it moves (a fall by its thickness of "
             f"{deepest:.3g} m takes {falling:.2g} s); the ratio has no effect; check the unit"
         )
 

@@ -142,11 +142,12 @@ def start_problems(
             yield number, name, "start_time", f"starts at {time:g} s, the run ends at {end_time:g} s", "start it earlier"
         if trigger is None:
             continue
-        others = ", ".join(other for other in names if other != name) or "there is none: add one"
+        others = ", ".join(other for other in names if other != name)
+        fix = f"name another release ({others})" if others else "add the release whose flow starts it, or state start_time"
         if trigger.arrives == name:
-            yield number, name, "starts_when", "waits for its own flow", f"name another release ({others})"
+            yield number, name, "starts_when", "waits for its own flow", fix
         elif trigger.arrives not in names:
-            yield number, name, "starts_when", f"waits for {trigger.arrives!r}, which is no release", f"name one of: {others}"
+            yield number, name, "starts_when", f"waits for {trigger.arrives!r}, which is no release", fix
         elif name not in starting:
             message = f"waits for {trigger.arrives}, which never starts before it"
             yield number, name, "starts_when", message, "let one of these releases start at a time"

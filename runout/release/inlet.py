@@ -227,6 +227,16 @@ def require_wide(inflow: Inflow, spacing: tuple[float, float, float]) -> None:
         )
 
 
+def require_entering(inflow: Inflow, end_time: float, member: str = "") -> None:
+    """Raise ConfigError if nothing of an inflow enters in a run until ``end_time`` [s]; ``member``: which one, in words."""
+    h = inflow.hydrograph
+    if not float(h.entered.at(end_time)) > float(h.entered.at(0.0)):
+        raise ConfigError(
+            f"{h.source}: nothing of inflow {inflow.name} enters{member}: its discharge lasts from {h.begin:g} to {h.end:g} s, the "
+            f"run from 0 to {end_time:g} s; shift its times, or set end_time later"
+        )
+
+
 def slope_at(inflow: Inflow) -> float:
     """Slope [1] of the terrain along the flow at a line, the mean over it: negative, downwards."""
     from runout.model.probes import ground_at

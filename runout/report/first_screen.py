@@ -112,9 +112,10 @@ def outcome(study: Study) -> str:
     half = tables.hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
     ever = tables.hazard_extent(hazard, hazard["members_reached"].values, 1)
     runout = span(list(study.valid["runout_distance"].astype(float)), "m")
+    start = tables.start_of(study)
     some = "" if study.is_single else f"{area(half)} in at least half of the members (by weight) and "
     parts = [
-        f"A flow of {limit} or more reaches {some}{area(ever)}{' in any' if some else ''}, {runout} in plan beyond the release"
+        f"A flow of {limit} or more reaches {some}{area(ever)}{' in any' if some else ''}, {runout} in plan beyond the {start}"
     ]
     by_share: dict[str, list[str]] = {}
     for name, share in _places(study):
@@ -220,7 +221,7 @@ def questions(study: Study, settings: Mapping[str, Any], sure: str) -> list[Answ
         _doubled(study, settings, site),
         Answer("How sure is the run-out?", sure or "Nothing is known: no member has run out.", "sure" if sure else "", "How sure"),
         Answer("Which friction, and why?", f"{_start(friction(study, settings))}.{_published(settings)}", "settings", "Settings"),
-        _calibrated(settings, site),
+        _calibrated(study, settings, site),
         _water(study, settings),
         Answer("How long does a run take on a laptop?", LAPTOP, command=f"runout check {site}"),
         Answer("What is the finest grid in 30 minutes?", grid, command=f"runout check {site} --budget 30min"),
@@ -282,8 +283,11 @@ def _doubled(study: Study, settings: Mapping[str, Any], site: str) -> Answer:
     return Answer(question, known + DOUBLED, command=f"runout what-if {site} {factor}=1,2")
 
 
-def _calibrated(settings: Mapping[str, Any], site: str) -> Answer:
+def _calibrated(study: Study, settings: Mapping[str, Any], site: str) -> Answer:
     question, where = "Is it calibrated, and how?", origin(settings)
+    if not tables.sampled_parameters(study):
+        text = "No: no parameter is sampled. Sample friction under ensemble.parameters; this command then fits it to observations."
+        return Answer(question, text, command=f"runout calibrate {site}")
     if where.startswith("calibrated"):
         return Answer(question, f"{_start(where)}; calibration.json beside it has errors and limits.", "observations", "Scores")
     if settings.get("observations"):
@@ -299,7 +303,11 @@ def _water(study: Study, settings: Mapping[str, Any]) -> Answer:
     sampled = [_range(study, name) for name in tables.sampled_parameters(study) if "pore_pressure" in name]
     masses = [one for block in ("release", "inflow") for one in settings.get(block) or []]
     wet = [f"{one.get('name') or 'the mass'}" for one in masses if one.get("pore_pressure")]
-    wet += ["the bed"] if (settings.get("bed") or {}).get("pore_pressure") else []
+    wet_bed = bool((settings.get("bed") or {}).get("pore_pressure"))
+    wet += ["the bed"] if wet and wet_bed else []
+    if wet_bed and not wet:
+        text = "Not by itself: the bed is wet, but what joins a dry mass is dry. State pore_pressure of the release or inflow."
+        return Answer(question, text, "settings", "Settings")
     if wet or sampled:
         parts = [f"in {', '.join(wet)}"] if wet else []
         return Answer(question, f"Yes: pore pressure {'; '.join(parts + sampled)}.", "settings", "Settings")

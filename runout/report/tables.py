@@ -103,9 +103,9 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
         (
             "Run-out" if study.is_single else "Run-out of the members",
             span(runouts, "m"),
-            f"plan distance from the release to the farthest cell, {limit}",
+            f"plan distance from the {start_of(study)} to the farthest cell, {limit}",
         ),
-        ("Angle of reach", span(angles, "°"), "from the highest point of the release to that cell"),
+        ("Angle of reach", span(angles, "°"), f"from the highest point of the {start_of(study)} to that cell"),
         ("Area reached" if study.is_single else "Area reached by any member", reached, limit),
         *([] if study.is_single else [("Area of probability 0.5 or more", area(likely), f"{half}, {limit}{_sampled(hazard)}")]),
         *annual,
@@ -115,19 +115,25 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
     return [*(card for card in cards if card[0] != RELEASED), *volumes(valid)]
 
 
+def start_of(study: Study) -> str:
+    """Where the mass comes from: the release, or the inflow where no member has a release."""
+    return "inflow" if study.run.get("inflows") and not float(study.hazard["release_thickness"].sum()) > 0.0 else "release"
+
+
 def hazard_extent(hazard: "xr.Dataset", values: Any, least: float) -> float:
     """Area [km2] of the cells with at least ``least``."""
     return float(np.nansum(np.asarray(values) >= least)) * _cell_area(hazard) / 1e6
 
 
 def volumes(valid: "pd.DataFrame") -> list[tuple[str, str, str]]:
-    """Key figures of an erodible bed: label, median of the members, and remark with their 90 % range."""
+    """Key figures of an erodible bed: label, median of the members, and remark with their 90 % range; of one member its own."""
     cards = []
     for figure, column in VOLUMES.items():
         low, middle, high = percentiles_of(valid, figure)
         ends = number(low), quantity(high, "m³")
-        scope = f"{ends[0]} to {ends[1]} in 90 % of the members" if ends[1] != quantity(low, "m³") else "in 90 % of the members"
-        cards.append((f"{column.heading}, median", quantity(middle, "m³"), f"{VARIABLES[figure].long_name}; {scope}"))
+        scope = f"{ends[0]} to {ends[1]}" if ends[1] != quantity(low, "m³") else "the same"
+        median, members = (", median", f"; {scope} in 90 % of the members") if len(valid) > 1 else ("", "")
+        cards.append((f"{column.heading}{median}", quantity(middle, "m³"), f"{VARIABLES[figure].long_name}{members}"))
     return cards
 
 

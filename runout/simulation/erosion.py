@@ -351,9 +351,10 @@ class ErodingBed:
 
 
 def eroding_bed(
-    bed: Any, scene: Scene, terrain: Terrain, releases: Sequence[Release], per_axis: tuple[int, int, int]
-) -> ErodingBed | None:
-    """The bed of a run, None without one; what a user should know of it is logged.
+    bed: Any, scene: Scene, terrain: Terrain, releases: Sequence[Release], per_axis: tuple[int, int, int],
+    inflows: Sequence[Release] = (),
+) -> ErodingBed | None:  # fmt: skip
+    """The bed of a run, None without one; what a user should know of it and of ``inflows``, masses at lines, is logged.
 
     Raises ConfigError: for an argument of another kind.
     """
@@ -361,6 +362,6 @@ def eroding_bed(
         return None
     require_kind(Bed, bed, "bed", "give runout.Bed(depth=1.2), the depth in metres", ConfigError)
     eroding = ErodingBed(bed, scene, terrain, releases, per_axis)
-    for sentence in bed.sentences(terrain, releases, scene.spacing, eroding.volume):
+    for sentence in bed.sentences(terrain, [*releases, *inflows], scene.spacing, eroding.volume):
         LOGGER.warning("%s", sentence)
     return eroding

@@ -182,7 +182,7 @@ def simulate(
         structures=named, inflow=inflows, bed=bed, accept=accept, in_chunks=True, waiting=waiting,
     )  # fmt: skip
     _warn(scene, [r.name for r in masses], inflows, end_time)
-    eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis)
+    eroding = eroding_bed(bed, scene, terrain, releases, particles.how.per_axis, masses[len(releases) :])
     sources: list[Source] = [*waiting, *sources_of(inflows, len(releases), scene.spacing, particles.how.per_axis, end_time, seed)]
     entering = Entering(sources) if sources else None
     more = [part for part in (eroding, entering) if part]

@@ -50,6 +50,11 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
         remedy = f"`runout new FOLDER --dem {path} --release RELEASE` makes one"
         raise ConfigError(f"{path}: is a raster; the baseline needs a site with a release: {remedy}")
     site = read_site(path)
+    if not site.settings.release:
+        message = "the baseline starts from releases, and the site has an inflow alone"
+        raise ConfigError(f"{site.file}: {message}; state a release: the volume of the hydrograph on the area where it enters")
+    for one in site.settings.inflow or ():
+        LOGGER.warning("inflow %s is left out: the baseline starts from releases", one.name)
     terrain, releases = site.terrain(), site.releases()
     start = time.perf_counter()
     baseline = mass_wasting(terrain, releases, parameters)

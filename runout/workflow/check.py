@@ -118,8 +118,10 @@ def _inspect_inputs(findings: Findings, readable: "Site") -> None:
 
 
 def _readable_part(site_path: Path, wrong: list[str], changes: Sequence[str]) -> "Site | None":
-    """Site with the terrain and the releases whose settings are valid, so that their files can be inspected as well."""
+    """Site with the terrain, the masses and the bed whose settings are valid, so that their files can be inspected as well."""
+    from runout.config.bed import BedSettings
     from runout.config.friction import BLOCK
+    from runout.config.inflow import InflowSettings
     from runout.config.read import changed_document, site_file
     from runout.config.schema import ReleaseSettings, SiteSettings, TerrainSettings
     from runout.config.site import Site
@@ -130,8 +132,6 @@ def _readable_part(site_path: Path, wrong: list[str], changes: Sequence[str]) ->
     sections = changed_document(file, changes).values
     if not isinstance(sections, dict):
         return None
-    releases = enumerate(sections["release"] if "release" not in wrong else [])
-    right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
     terrain = TerrainSettings.model_validate(sections["terrain"])
     if any(key.startswith("basal_friction") for key in wrong):  # the law decides what zones and rasters of friction mean
         terrain = terrain.model_copy(update={"friction_zones": None, "friction_rasters": None})
@@ -139,7 +139,9 @@ def _readable_part(site_path: Path, wrong: list[str], changes: Sequence[str]) ->
         structures=_readable_structures(sections.get("structures"), wrong),
         terrain=terrain,
         basal_friction=BLOCK.validated(sections["basal_friction"]) if _is_right("basal_friction", sections, wrong) else None,
-        release=[ReleaseSettings.model_validate(values) for values in right],
+        release=[ReleaseSettings.model_validate(values) for values in _right_entries("release", sections, wrong)],
+        inflow=[InflowSettings.model_validate(values) for values in _right_entries("inflow", sections, wrong)],
+        bed=BedSettings.model_validate(sections["bed"]) if _is_right("bed", sections, wrong) else None,
         observations=_readable_observations(sections.get("observations"), wrong),
         probes=_readable_probes(sections.get("probes"), wrong),
     )
@@ -150,6 +152,12 @@ def _is_right(section: str, sections: dict[str, Any], wrong: list[str]) -> bool:
     return sections.get(section) is not None and not any(key.startswith(section) for key in wrong)
 
 
+def _right_entries(section: str, sections: dict[str, Any], wrong: list[str]) -> list[Any]:
+    """Entries of a list of site.yaml whose settings are valid."""
+    entries = sections.get(section) if section not in wrong else None
+    return [values for i, values in enumerate(entries or ()) if not any(key.startswith(f"{section}[{i}]") for key in wrong)]
+
+
 def _readable_observations(section: Any, wrong: list[str]) -> "ObservationSettings | None":
     """Observations whose settings are valid."""
     from runout.config.observations import ObservationSettings
@@ -157,6 +165,8 @@ def _readable_observations(section: Any, wrong: list[str]) -> "ObservationSettin
     if not isinstance(section, dict) or "observations" in wrong:
         return None
     right = {name: values for name, values in section.items() if not any(key.startswith(f"observations.{name}") for key in wrong)}
+    if "thalweg" not in right and isinstance(right.get("difference"), dict):  # reaches lie along it
+        right["difference"] = {name: value for name, value in right["difference"].items() if name != "reaches"}
     return ObservationSettings.model_validate(right)
 
 
@@ -166,7 +176,7 @@ def _readable_structures(section: Any, wrong: list[str]) -> "list[StructureSetti
 
     if not isinstance(section, list) or "structures" in wrong:
         return None
-    right = [values for i, values in enumerate(section) if not any(key.startswith(f"structures[{i}]") for key in wrong)]
+    right = _right_entries("structures", {"structures": section}, wrong)
     return [StructureSettings.model_validate(values) for values in right]
 
 
@@ -201,6 +211,7 @@ def _read_releases(findings: Findings, site: "Site", terrain: "Terrain") -> None
 def _read_inflows(findings: Findings, site: "Site") -> None:
     """Read the inflows, and note the problems of each. Forecasts see the masses at their lines beside those of the releases."""
     from runout.config.member_arguments import sampled_inflows
+    from runout.config.stated_at import entry_number, stated_place
     from runout.model.pore_pressure import unused
     from runout.release.inlet import mass_at
 
@@ -210,26 +221,40 @@ def _read_inflows(findings: Findings, site: "Site") -> None:
         findings.note(problem)
     findings.notes += [f"inflow {one.name}: {change}" for one in inflows for change in one.changes]
     findings.masses += [*findings.releases, *map(mass_at, inflows)]
-    pores = {mass.name: mass.pore_pressure for mass in findings.masses if mass.pore_pressure}
-    findings.warnings += [f"{name}: pore_pressure: {change}" for name, pore in pores.items() for change in pore.changes]
-    for mass in findings.masses:
+    for number, mass in enumerate(findings.masses):
+        block = "release" if number < len(findings.releases) else "inflow"
         if mass.pore_pressure:
-            findings.warnings += unused(mass.pore_pressure, mass.thickness, mass.terrain, mass.name)
+            place = stated_place(site.file, block, entry_number(site.file, block, mass.name), "pore_pressure")
+            told = [*mass.pore_pressure.changes, *unused(mass.pore_pressure, mass.thickness, mass.terrain)]
+            findings.warnings += [f"{place}: {sentence}" for sentence in told]
 
 
 def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, float, float]) -> None:
-    """Refuse lines narrower than a cell; warn of what does not enter, and of flows thinner than a cell at the line."""
-    from runout.config.inflow import placed
-    from runout.config.member_arguments import sampled_inflows
-    from runout.release.inlet import require_wide
+    """Refuse lines narrower than a cell, and hydrographs of which nothing enters in some member.
 
-    for one in sampled_inflows(site.settings, site.files.inflows().content):
+    Warn of what does not enter with the largest delay of any member, and of flows thinner than a cell at the line.
+    """
+    from runout.config.inflow import DELAY, of_member, placed
+    from runout.config.member_arguments import sampled_inflows
+    from runout.release.inlet import require_entering, require_wide
+
+    latest = max(check_physics.samples_of(site), key=lambda sample: sample.get(DELAY, 0.0))
+    delay = {DELAY: latest[DELAY]} if DELAY in latest else {}
+    end_time, inflows = site.settings.simulation.end_time, site.files.inflows().content
+    largest = f" with {DELAY} {delay[DELAY]:.4g}, the largest" if delay else ""
+    stated = sampled_inflows(site.settings, inflows)
+    for one, late in zip(stated, of_member(stated, delay), strict=True):
         try:
             with placed(site.file, one.name, "polygon" if one.line is None else "line"):
                 require_wide(one, spacing)
+            with placed(site.file, one.name, "hydrograph"):
+                require_entering(late, end_time, largest)
         except ConfigError as error:
             findings.note(error)
-        findings.warnings += one.sentences(site.settings.simulation.end_time, spacing)
+            continue
+        told = one.sentences(end_time, spacing)
+        of_delay = [sentence for sentence in late.sentences(end_time, spacing) if sentence not in told]
+        findings.warnings += [*told, *(f"{sentence};{largest}" for sentence in of_delay)]
 
 
 def _read_zones(findings: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -250,7 +275,8 @@ def _read_observations(findings: Findings, site: "Site", terrain: "Terrain") -> 
         findings.note(problem)
     if observed is not None:
         findings.notes += [observed.statement(), *observed.changes]
-    findings.warnings += check_observations.warnings(site, observed, terrain, findings.releases)
+    whole = findings.site is not None
+    findings.warnings += check_observations.warnings(site, observed, terrain, findings.releases, whole=whole)
 
 
 def _read_probes(findings: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -265,8 +291,6 @@ def _read_probes(findings: Findings, site: "Site", terrain: "Terrain") -> None:
 def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the bed, and warn of what excavated releases cut off and of a depth that particles do not resolve."""
     from runout.config.bed import wide_ratios
-    from runout.config.member_arguments import default_particles
-    from runout.release.sample import particles_per_axis
 
     try:
         bed = site.files.bed()
@@ -277,10 +301,8 @@ def _read_bed(findings: Findings, site: "Site", terrain: "Terrain") -> None:
         return
     findings.bed = bed
     size = grid_spacing(site.settings, findings.masses)
-    stated: Any = site.settings.simulation.particles_per_cell
-    count: Any = default_particles(site.settings, site.data(), size) if stated is None else stated
-    per_cell = math.prod(map(float, particles_per_axis(tuple(count) if isinstance(count, list) else count)))
-    findings.warnings += [*bed.changes, *bed.sentences(terrain, findings.releases, size, math.prod(size) / per_cell)]
+    volume = check_physics.particle_volume(site, findings.masses, findings.zones)
+    findings.warnings += [*bed.changes, *bed.sentences(terrain, findings.masses, size, volume)]
     findings.warnings += wide_ratios(site.settings, site.file)
 
 

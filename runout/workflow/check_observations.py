@@ -20,12 +20,14 @@ NEAR_GROUND = 0.1  # of the values, by which half of them differ at most from th
 SCORED = ("outline", "deposit", "difference", "gauges")
 
 
-def warnings(site: "Site", observed: "Observations | None", terrain: "Terrain", releases: "Sequence[Release]") -> Iterator[str]:
-    """Warnings of the observations of a site that have been read."""
+def warnings(
+    site: "Site", observed: "Observations | None", terrain: "Terrain", releases: "Sequence[Release]", *, whole: bool = True
+) -> Iterator[str]:
+    """Warnings of the observations of a site that have been read; ``whole``: none was left out for a fault of its settings."""
     stated = site.settings.observations
     if stated is None:
         return
-    if not any(getattr(stated, name) for name in SCORED):
+    if whole and not any(getattr(stated, name) for name in SCORED):
         held = "only a thalweg, which is no observation" if stated.thalweg else "nothing"
         yield _placed(site, "observations", "", f"holds {held}, so that nothing is scored; state {', '.join(SCORED)}, or remove it")
     if observed is None:

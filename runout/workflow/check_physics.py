@@ -56,7 +56,8 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
     """
     if not releases:
         return
-    yield from _thinner_than_the_grid_shows(site, least_thickness(site, releases, zones))
+    if {release.name for release in releases} == site.friction.masses.keys():  # the particles of a cell depend on all masses
+        yield from _thinner_than_the_grid_shows(site, least_thickness(site, releases, zones))
     yield from _pressures_that_rise(site, releases)
     yield from unchanged(site.friction.of_releases(releases, {}), [r.name for r in releases], zones)
     for base, release in zip(bases_of(site, releases), releases, strict=True):
@@ -120,13 +121,19 @@ def standing_layers(site: "Site", releases: "Sequence[Release]") -> Iterator[str
 def least_thickness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
     """Least thickness [m] that the maps of a site as stated can show (:mod:`runout.physics.numerical_scales`)."""
     from runout.physics.numerical_scales import least_thickness as of_particles
+
+    x, y, _ = grid_spacing(site.settings, releases)
+    return float(of_particles(particle_volume(site, releases, zones), x * y, SHARING))
+
+
+def particle_volume(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
+    """Volume [m3] of a particle of a site as stated, from those of its masses that could be read."""
     from runout.release.arrangement import default_particles
 
-    x, y, z = grid_spacing(site.settings, releases)
+    spacing = grid_spacing(site.settings, releases)
     stated, basal = site.settings.simulation.particles_per_cell, site.friction.of_run({})
-    count = stated or default_particles(releases, site.material(), basal, z, zones)
-    in_a_cell = count if isinstance(count, int) else math.prod(count)
-    return float(of_particles(x * y * z / in_a_cell, x * y, SHARING))
+    count = stated or default_particles(releases, site.material(), basal, spacing[2], zones)
+    return math.prod(spacing) / (count if isinstance(count, int) else math.prod(count))
 
 
 def _thinner_than_the_grid_shows(site: "Site", least: float) -> Iterator[str]:

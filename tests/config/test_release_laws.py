@@ -107,8 +107,8 @@ def test_the_whole_law_may_be_that_of_the_site(two):
         ([], "    material: {}\n", "", "release[0].material: states no parameter"),
         ([], "    material: 5\n", "", "release[0].material: 5 is a number; a block is needed"),
         ([], "    material: {friction_angle_deg: 0}\n", "", "release[0].material: friction_angle_deg and cohesion are both 0"),
-        ([], "", uniform("sludge.density", 1900, 2100), "ensemble.parameters.sludge.density: no release is called 'sludge'"),
-        ([], "", uniform("mud.friction_angle_deg", 20, 30), "the laws of release mud, herschel_bulkley and voellmy, have no such"),
+        ([], "", uniform("sludge.density", 1900, 2100), "parameters.sludge.density: no release or inflow is called 'sludge'"),
+        ([], "", uniform("mud.friction_angle_deg", 20, 30), "the laws of mud, herschel_bulkley and voellmy, have no such"),
         ([], "", uniform("mud.basal_mu", 1.0, 3.0), "it can give 3; the parameter must be"),
         ([], "", uniform("mud.nothing", 1.0, 3.0), "ensemble.parameters.mud.nothing"),
         ([], "    material: {density: 1900}\n", uniform("density", 1900, 2100), "release[0].material.density: the ensemble"),
@@ -122,8 +122,8 @@ def test_what_a_release_cannot_state_is_refused_with_its_place(two, changes, of_
 
 def test_a_sampled_parameter_that_no_release_follows_is_refused(two):
     (line,) = problems(two(of_scar=GRAINS, sampled=uniform("density", 1900, 2100)))
-    assert "every release has a material of its own" in line
-    assert "RELEASE.density" in line
+    assert "every release and inflow has a material of its own" in line
+    assert "NAME.density" in line
 
 
 def test_a_release_may_follow_a_law_that_depends_on_the_rate(two):

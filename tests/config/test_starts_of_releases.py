@@ -67,7 +67,7 @@ def test_releases_without_a_start_have_none(site_folder):
         (
             "",
             "starts_when: {arrives: scarp}",
-            "starts_when: waits for 'scarp', which is no release; name one of: scar",
+            "starts_when: waits for 'scarp', which is no release; name another release (scar)",
         ),
         (
             "",
@@ -170,7 +170,7 @@ def test_an_ensemble_samples_the_pore_pressure_of_one_release_alone(edited):
     [
         ("", "second.pore_pressure_ratio", "the pore pressure of release second does not state it"),
         ("pore_pressure: {ratio: 0.4, decay_time: 20}", "second.pore_pressure_diffusivity", "of release second does not state it"),
-        ("", "third.pore_pressure_ratio", "no release is called 'third'"),
+        ("", "third.pore_pressure_ratio", "no release or inflow is called 'third'"),
     ],
 )
 def test_a_sampled_pore_pressure_that_a_release_does_not_have_is_refused(edited, second, key, said):

@@ -185,6 +185,22 @@ def test_water_is_answered_from_the_settings(study, settings):
     assert first_screen.questions(study, settings | wet, "")[7].text == "Yes: pore pressure in scar."
     bed = {"bed": {"depth": 1.0, "pore_pressure": {"ratio": 0.5}}}
     assert first_screen.questions(study, settings | wet | bed, "")[7].text == "Yes: pore pressure in scar, the bed."
+    assert first_screen.questions(study, settings | bed, "")[7].text.startswith("Not by itself: the bed is wet, but what joins")
+
+
+def test_fixed_parameters_are_not_called_a_range(study, settings):
+    fixed = replace(study, members=study.members.drop(columns=["basal_friction_angle_deg", "release_volume_factor"]))
+    assert first_screen.questions(fixed, settings, "")[6].text.startswith("No: no parameter is sampled. Sample friction")
+
+
+def test_run_out_of_an_inflow_alone_counts_from_the_inflow(study):
+    alone = replace(study, hazard=study.hazard.assign(release_thickness=0.0 * study.hazard["release_thickness"]))
+    alone = replace(alone, run=study.run | {"inflows": [{"name": "gauge", "volume": 10.0}]})
+    assert "in plan beyond the inflow" in first_screen.outcome(alone)
+    assert "in plan beyond the release" in first_screen.outcome(study)
+    remarks = {label: remark for label, _, remark in tables.key_figures(alone)}
+    assert remarks["Run-out of the members"].startswith("plan distance from the inflow to the farthest cell")
+    assert remarks["Angle of reach"] == "from the highest point of the inflow to that cell"
 
 
 def test_print_has_sheets_with_title_block_and_the_screen_the_map(text, results):

@@ -15,6 +15,7 @@ from runout.hazard.figures import VOLUMES
 from runout.report import sheets, tables
 from runout.report.study import read_study
 from runout.report.wording import number, quantity
+from runout.variables import VARIABLES
 from runout.workflow.check import inspect
 
 BED = "bed:\n  depth: 1.2\n  erosion: {law: ramms, rate: 0.05, critical_stress: 1.0e3, depth_per_stress: 1.0e-4}\n"
@@ -260,6 +261,8 @@ def test_volumes_of_an_ensemble_with_a_bed_balance_in_members_and_key_figures(re
     assert cards["Eroded, median"][0] == quantity(figures["eroded_volume"].min(), "m³"), "two members: the smaller one"
     low, high = number(figures["eroded_volume"].min()), quantity(figures["eroded_volume"].max(), "m³")
     assert cards["Eroded, median"][1].endswith(f"{low} to {high} in 90 % of the members")
+    assert cards["Left the site, median"][1].endswith("; the same in 90 % of the members")
+    assert {label: remark for label, _, remark in tables.volumes(study.valid[:1])}["Eroded"] == VARIABLES["eroded_volume"].long_name
     assert {"Released, median", "Deposited, median", "Left the site, median"} <= cards.keys()
     assert "Eroded, median" in page
     assert tables.balance(study)["mass"].startswith(("exactly", "to 1e-1", "to 2e-1", "to 3e-1")), "mass of the bed is no error"

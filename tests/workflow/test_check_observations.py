@@ -124,6 +124,23 @@ def test_reaches_that_are_not_on_a_thalweg_get_one_line_with_key_and_remedy(tmp_
     assert all(said in problem and problem.startswith("site.yaml:19: ") for problem in problems)
 
 
+def test_reaches_are_not_blamed_for_a_thalweg_whose_file_is_missing(tmp_path):
+    text = CHANGE.replace("0.5}", "0.5, reaches: 3}") + "  thalweg: {line: inputs/none.gpkg}\n"
+    folder = write_site(tmp_path / "ramp", SITE + text)
+    write_raster(folder / "inputs" / "dod.tif", laid(4.0) - slab())
+    found = inspect(folder)
+    assert ["inputs/none.gpkg" in problem for problem in found.problems].count(True) == 1
+    assert not [problem for problem in found.problems if "reaches" in problem]
+
+
+def test_an_observation_with_a_fault_is_not_called_missing(tmp_path):
+    folder = write_site(tmp_path / "ramp", SITE + CHANGE.replace("0.5}", "-0.5}"))
+    write_raster(folder / "inputs" / "dod.tif", laid(4.0) - slab())
+    found = inspect(folder)
+    assert len(found.problems) == 1
+    assert not [warning for warning in found.warnings if "nothing is scored" in warning]
+
+
 @pytest.mark.parametrize(("speeds", "said"), [([0.0, 0.0], "is 0 at all 2 points"), ([0.0, None], "is 0"), ([3.0, None], "")])
 def test_gauges_without_any_value_get_a_warning(tmp_path, speeds, said):
     folder = write_site(tmp_path / "ramp", SITE + GAUGES)

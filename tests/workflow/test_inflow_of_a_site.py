@@ -26,6 +26,8 @@ INFLOW = "inflow:\n  - name: gauge\n    line: inputs/gauge.geojson\n    hydrogra
 RELEASE = SITE[SITE.index("release:") : SITE.index("material:")]
 WITH_RELEASE = SITE.replace("simulation:", f"{INFLOW}simulation:")
 ALONE = WITH_RELEASE.replace(RELEASE, "")
+BED = "bed: {depth: 1, erosion: {}, pore_pressure: {ratio: 0.5}}\n"
+CLAY = "    material: {law: von_mises, density: 1800, undrained_strength: 2000}\n"
 SAMPLED = """\
     discharge_factor: {distribution: uniform, low: 0.5, high: 2}
     inflow_delay: {distribution: uniform, low: 0, high: 4}
@@ -129,7 +131,10 @@ def test_names_are_unique_and_samples_need_an_inflow(tmp_path):
     [
         ({"series": "time,discharge\n0,1\n1,-2\n"}, r"inflow\[0\].hydrograph: inputs/q.csv:3: discharge: is -2 m3/s"),
         ({"series": "time,q\n0,1\n"}, r"inflow\[0\].hydrograph: inputs/q.csv:1: there is no column discharge"),
-        ({"series": "time,discharge,velocity\n0,1,1\n1,1,1\n"}, r"inflow\[0\].line: .*thickness and the velocities .* both given"),
+        (
+            {"series": "time,discharge,velocity\n0,1,1\n1,1,1\n"},
+            r"inflow\[0\].thickness: inputs/q.csv: thickness and the velocities .* both given",
+        ),
         ({"line": [[X, Y], [X, NORTH + 90.0]]}, r"inflow\[0\].line: inputs/gauge.geojson.*lies outside"),
         ({"line": [SQUARE], "kind": "Polygon"}, r"inflow\[0\].line: .*is a Polygon, not a single line"),
         ({"line": [[X, Y], [X, Y]]}, r"inflow\[0\].line: .*1 different vertex"),
@@ -142,6 +147,84 @@ def test_files_that_cannot_be_used_are_refused_with_their_setting(tmp_path, inpu
     found = inspect(folder)
     assert any(text for text in found.problems if "inflow[0]" in text), found.problems
     assert len(found.problems) == 1
+
+
+def test_a_line_without_thickness_and_velocity_is_refused_at_the_hydrograph(tmp_path):
+    (said,) = inspect(site_of(tmp_path / "site", ALONE.replace("    thickness: 6\n", ""))).problems
+    assert re.match(r"site.yaml:\d+: inflow\[0\].hydrograph: inputs/q.csv: neither thickness nor velocity is given; add", said)
+
+
+def test_faults_of_inflow_and_bed_are_told_beside_those_of_settings(tmp_path):
+    text = ALONE.replace("simulation:", "bed: {depth: inputs/gauge.geojson, erosion: {}}\nsimulation:")
+    text = text.replace("hazard:", "hazzard:")
+    found = inspect(site_of(tmp_path / "site", text, series="time,discharge\n0,1\nx,2\n1,-2\n"))
+    for said in ("hazzard: unknown key", "q.csv:3: time: 'x' is no number", "q.csv:4: discharge: is -2 m3/s", "bed.depth"):
+        assert [said in problem for problem in found.problems].count(True) == 1, said
+    assert len(found.problems) == 4
+
+
+def uniform(*keys):
+    return "".join(f"    {key}: {{distribution: uniform, low: 20, high: 30}}\n" for key in keys)
+
+
+def test_samples_that_no_inflow_has_a_use_of_are_refused_where_there_is_no_release(tmp_path):
+    text = ALONE.replace(INFLOW, f"{INFLOW}{CLAY}    basal_friction: {{law: voellmy, mu: 0.1, xi: 300}}\n")
+    text = text.replace("hazard:", uniform("friction_angle_deg", "release_volume_factor", "gauge.start_time") + "hazard:")
+    found = inspect(site_of(tmp_path / "site", text))
+    said = {problem.partition("parameters.")[2].partition(": ")[0]: problem for problem in found.problems}
+    assert set(said) == {"basal_friction_angle_deg", "friction_angle_deg", "release_volume_factor", "gauge.start_time"}
+    assert "every release and inflow has a material of its own, so that this changes nothing" in said["friction_angle_deg"]
+    assert "the site has no release; remove it, or sample discharge_factor" in said["release_volume_factor"]
+    assert "gauge is an inflow, which starts as its hydrograph states" in said["gauge.start_time"]
+
+
+def test_a_sample_that_an_inflow_has_a_use_of_is_not_refused(tmp_path):
+    text = WITH_RELEASE.replace("  - name: slab\n", f"  - name: slab\n{CLAY}")
+    text = text.replace("hazard:", uniform("friction_angle_deg") + "hazard:")
+    assert not inspect(site_of(tmp_path / "site", text), forecast=False).problems
+
+
+def test_a_mass_that_cannot_be_read_hides_no_fault_of_others_above_a_bed(tmp_path):
+    second = "  - name: second\n    line: inputs/gauge.geojson\n    hydrograph: inputs/gauge.geojson\n    thickness: 6\n"
+    text = WITH_RELEASE.replace(INFLOW, f"{INFLOW}{second}").replace("simulation:", f"{BED}simulation:")
+    text = text.replace("particles_per_cell: 8, ", "")
+    found = inspect(site_of(tmp_path / "site", text, line=[[X, Y - 1.0], [X, Y + 1.0]]), forecast=False)
+    assert ["inflow[0].line" in problem for problem in found.problems].count(True) == 1, found.problems
+    assert ["inflow[1].hydrograph" in problem for problem in found.problems].count(True) == 1, found.problems
+
+
+def test_check_refuses_a_hydrograph_of_which_nothing_enters(tmp_path):
+    late = "time,discharge\n30,0\n40,5\n"
+    (said,) = inspect(site_of(tmp_path / "site", WITH_RELEASE, series=late)).problems
+    words = "nothing of inflow gauge enters: its discharge lasts from 30 to 40 s, the run from 0 to 20 s; shift its times"
+    assert re.match(r"site.yaml:\d+: inflow\[0\].hydrograph: inputs/q.csv: " + words, said)
+
+
+@pytest.mark.parametrize(("high", "refused"), [(90, True), (18, False)])
+def test_check_knows_the_largest_sampled_delay(tmp_path, high, refused):
+    folder = site_of(tmp_path / "site", ENSEMBLE.replace("low: 0, high: 4", f"low: {high - 10}, high: {high}"))
+    latest = max(member.parameters["inflow_delay"] for member in plan_members(runout.read_site(folder)))
+    found = inspect(folder, forecast=False)
+    if refused:
+        (said,) = found.problems
+        assert f"nothing of inflow gauge enters with inflow_delay {latest:.4g}, the largest: its discharge lasts from" in said
+    else:
+        (said,) = [warning for warning in found.warnings if "do not enter" in warning]
+        assert said.endswith(f"or cut the hydrograph; with inflow_delay {latest:.4g}, the largest")
+
+
+def test_doubts_of_the_water_in_an_inflow_name_its_line(tmp_path):
+    wet = "    pore_pressure: {ratio: {low: 0.1, high: 0.6, block: 900}, decay_time: 20}\n"
+    folder = site_of(tmp_path / "site", ALONE.replace(INFLOW, INFLOW + wet))
+    line = (folder / "site.yaml").read_text().splitlines().index(wet.rstrip("\n")) + 1
+    said = f"site.yaml:{line}: inflow[0].pore_pressure: ratio: block is 900 m, the mass 60 m: one or few ratios"
+    assert [warning.startswith(said) for warning in inspect(folder, forecast=False).warnings].count(True) == 1
+
+
+def test_a_dry_inflow_over_a_wet_bed_is_named(tmp_path):
+    folder = site_of(tmp_path / "site", ALONE.replace("simulation:", f"{BED}simulation:"))
+    warnings = inspect(folder, forecast=False).warnings
+    assert ["pore_pressure is 0.5, but gauge is dry, and so is what joins dry mass" in text for text in warnings].count(True) == 1
 
 
 def test_check_warns_of_a_line_down_the_fall_and_not_of_one_across_a_channel(tmp_path):
@@ -233,3 +316,11 @@ def test_check_refuses_a_structure_where_mass_enters_and_doubts_a_flow_that_cree
     )
     creeping = inspect(site_of(tmp_path / "slow", series="time,discharge\n0,5\n9,5\n")).warnings
     assert any("inflow gauge enters at 0.01389 m/s at most; debris flows are faster than 0.05 m/s" in one for one in creeping)
+
+
+def test_the_baseline_says_that_it_needs_a_release(tmp_path, capsys):
+    pytest.importorskip("landlab")
+    folder = site_of(tmp_path / "site")
+    assert cli.main(["screen", str(folder)]) == ExitCode.CONFIGURATION
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the baseline starts from releases, and the site has an inflow alone; state a release" in said

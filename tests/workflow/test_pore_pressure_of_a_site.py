@@ -158,14 +158,18 @@ def test_check_says_what_readers_of_ratios_assumed(tmp_path):
     folder = write_site(tmp_path / "raster", with_pores("{ratio: inputs/ratio.tif, decay_time: 5}"))
     write_raster(folder / "inputs" / "ratio.tif", np.where(slab() > 0, 0.5, 0.4), crs=None)
     (said,) = [warning for warning in inspect(folder).warnings if "ratio.tif" in warning]
-    assert said.startswith("slab: pore_pressure: inputs/ratio.tif states no coordinate system; taken to be in the terrain's")
+    assert said.startswith(
+        "site.yaml:9: release[0].pore_pressure: inputs/ratio.tif states no coordinate system; taken to be in the terrain's"
+    )
     folder, _ = write_zoned(tmp_path / "zones", zoned("ratio: 0.5"))
     text = json.loads((folder / "inputs" / "wet.geojson").read_text())
     far = [[[x + 1e4, y] for x, y in text["features"][0]["geometry"]["coordinates"][0]]]
     text["features"].append({"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": far}})
     (folder / "inputs" / "wet.geojson").write_text(json.dumps(text))
     (said,) = [warning for warning in inspect(folder).warnings if "wet.geojson" in warning]
-    assert said.startswith("slab: pore_pressure: inputs/wet.geojson: zones 3 cover no cell of the terrain to a half")
+    assert said.startswith(
+        "site.yaml:9: release[0].pore_pressure: inputs/wet.geojson: zones 3 cover no cell of the terrain to a half"
+    )
 
 
 def test_mass_beyond_all_zones_and_zones_beside_the_mass_are_told(tmp_path):
@@ -337,7 +341,7 @@ def test_check_names_pore_pressure_that_cannot_act(tmp_path, stated, words):
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}}
     feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
     (folder / "inputs" / "p.geojson").write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]}))
-    assert any(re.match(rf"slab: pore_pressure: .*{words}", warning) for warning in inspect(folder).warnings)
+    assert any(re.match(rf"site.yaml:\d+: release\[0\].pore_pressure: .*{words}", warning) for warning in inspect(folder).warnings)
 
 
 def test_check_is_silent_on_blocks_within_the_mass(tmp_path):
