@@ -5,10 +5,8 @@ with one pixel a cell. Letters are those of the page, so that maps are sharp in 
 """
 
 import math
-from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from markupsafe import Markup, escape
 from runout.hazard.round_numbers import round_length, round_ticks
 from runout.report.maps import Basemap
 from runout.report.marks import INK, OBSERVED, OBSTACLE, PROBE, RELEASE, Mark
-from runout.report.relief import jpeg_address, relief_picture
+from runout.report.relief import address, relief_picture
 from runout.report.values import MapStyle, Window, colour_scale, scale_ticks
 
 WIDTH, TALLEST = 440.0, 470.0  # of a map with its coordinates, and height of the map [units of the picture]
@@ -70,7 +68,7 @@ class VectorMaps:
         parts = [
             '<pattern id="hatch" width="5" height="5" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
             f'<rect width="5" height="5" fill="#ffffff59"/><path d="M0 0V5" stroke="{OBSTACLE}" stroke-width="1.4"/></pattern>',
-            f'<g id="{self.name}-ground">{self._image(jpeg_address(relief), smooth=True)}{self._contours()}</g>',
+            f'<g id="{self.name}-ground">{self._image(address(relief), smooth=True)}{self._contours()}</g>',
             f'<g id="{self.name}-marks">{"".join(self._marks())}</g>',
             f'<g id="{self.name}-frame">{"".join(self._frame())}</g>',
         ]
@@ -272,9 +270,7 @@ def _indexed(index: np.ndarray, colours: np.ndarray) -> str:
     palette = np.zeros((256, 3), np.uint8)
     palette[: len(colours)] = colours
     picture.putpalette(palette.tobytes())
-    buffer = BytesIO()
-    picture.save(buffer, "png", transparency=TRANSPARENT, optimize=False)
-    return "data:image/png;base64," + b64encode(buffer.getvalue()).decode("ascii")
+    return address(picture, "png", transparency=TRANSPARENT, optimize=False)
 
 
 def text(x: float, y: float, words: str, kind: str = "number", more: str = "") -> str:
