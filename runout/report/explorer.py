@@ -20,7 +20,7 @@ import numpy as np
 from runout.ensemble.member import members_folder
 from runout.hazard.maps import classes_of
 from runout.hazard.reach import representative
-from runout.hazard.style import MapClasses, class_edges
+from runout.hazard.style import MapClasses
 from runout.io import netcdf
 from runout.io.member_maps import MemberMaps, MembersFile
 from runout.quantities import ALL_QUANTITIES, ARRIVAL, CHANGE, QUANTITIES, UNTIL_ARRIVAL
@@ -97,12 +97,10 @@ def _family(study: Study, name: str, group: str, title: str, levels: list[str], 
     units, divisor = VARIABLES[alike].printed
     printed = values / np.float32(divisor)
     mapped = next((q for q in ALL_QUANTITIES.values() if q.member_map == alike and not q.part_of), None)
-    finite = printed[np.isfinite(printed)]
     if mapped and mapped.peak in study.hazard:
         classes = classes_of(study.hazard, mapped.peak)
     else:
-        smallest, largest = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-        classes = MapClasses.of(class_edges(alike, [], smallest, largest), units, alike)
+        classes = MapClasses.over(alike, [values])
     choice = "Snapshot" if name in SNAPSHOTS else "Member"
     step = step_of(mapped.peak if mapped else alike, printed, classes, steps)
     return Family(name, group, title[:1].upper() + title[1:], unit(units), choice, levels, printed, classes, step)
