@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import ConfigError, ExitCode
-from runout.io.atomic import write_json
+from runout.io.atomic import read_json, write_json
 from runout.studies.verification_cases import (
     bar,
     basal_laws,
@@ -80,9 +80,7 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
 
 def _unfinished(record: Path, code: Mapping[str, Any]) -> dict[str, Finding]:
     """Findings by name of an interrupted run of the same code; empty if there is none."""
-    if not record.is_file():
-        return {}
-    content = json.loads(record.read_text(encoding="utf-8"))
+    content = read_json(record)
     same = {name: content.get(name) for name in code} == dict(code)
     if not same or len(content["cases"]) == len(code["cases_asked"]):
         return {}
