@@ -49,7 +49,7 @@ def profile(
     session: Injected,
 ) -> int:
     """Write ground, peak thickness and speed, arrival and deposit along lines to results/profiles/."""
-    from runout.workflow.profiles import run
+    from runout.workflow.probes import run_profiles
 
-    run(site, session.out, line, layer=layer, member=member, picture=picture)
+    run_profiles(site, session.out, line, layer=layer, member=member, picture=picture)
     return ExitCode.OK

@@ -1,6 +1,6 @@
 """Keys, types, ranges and descriptions of site.yaml. The descriptions are also the comments of a new site.yaml."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, SerializeAsAny, model_validator
@@ -43,7 +43,7 @@ from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.errors import ConfigError
 from runout.model.friction_laws import DEFAULT_FRICTION
-from runout.model.limits import CFL, PARTICLES_PER_CELL, SMALLEST_NET
+from runout.model.limits import CFL, PARTICLES_PER_CELL, SMALLEST_NET, spacing_of
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 MOST_MEMBERS, LARGEST_NET, MOST_SNAPSHOTS = 100_000, 65_536, 1000
@@ -345,6 +345,23 @@ class SimulationSettings(Settings):
         _raise_first(accuracy_conflicts(self.model_dump(exclude_none=True)))
         _raise_first(device_conflicts(self.model_dump()))
         return self
+
+    def on_device(self, device: str) -> "SimulationSettings":
+        """The settings with another device: "cpu", "cuda:N", "cuda" or "auto" (GPUs if there are any, else the CPU).
+
+        Raises DeviceError if there is no such device; the message lists the devices of the machine.
+        """
+        from runout.backends.protocol import find_device
+
+        first_device = find_device(device)
+        place = "cuda" if device == "cuda" or (device == "auto" and first_device != "cpu") else first_device
+        backend = "hash" if place != "cpu" else "scan" if self.backend == "hash" else self.backend
+        return self.model_copy(update={"device": place, "backend": backend})
+
+    def with_cell_size(self, cell_size: Sequence[float]) -> "SimulationSettings":
+        """The settings with another grid spacing [m], one number or three; ConfigError if it is out of range."""
+        east, north, up = spacing_of(tuple(cell_size))  # type: ignore[arg-type]
+        return self.model_copy(update={"cell_size": east if len(cell_size) == 1 else [east, north, up]})
 
 
 class EnsembleSettings(Settings):

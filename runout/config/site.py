@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from runout.config import member_arguments as of_members
 from runout.config.friction import SiteFriction
 from runout.config.hazard import stated_conditions
-from runout.config.overrides import on_device
 from runout.config.read import load, site_file
 from runout.config.release_laws import OwnLaws, laws_of
 from runout.config.schema import SiteSettings
@@ -85,8 +84,8 @@ class Site:
         return replace(self, settings=self.settings.model_copy(update=sections))
 
     def on_device(self, device: str) -> "Site":
-        """The site with another device, see :func:`runout.config.overrides.on_device`; "cuda" spreads the members over all GPUs."""
-        return self.with_settings(simulation=on_device(self.settings.simulation, device))
+        """The site with another device (``SimulationSettings.on_device``); "cuda" spreads the members over all GPUs."""
+        return self.with_settings(simulation=self.settings.simulation.on_device(device))
 
     def terrain(self) -> "Terrain":
         """The elevation raster, read and prepared, with the obstacles on it; DemError if it cannot be used."""
@@ -179,6 +178,15 @@ class Site:
             return []
         scheme = read_scheme(hazard.scheme, self.folder).conditions if hazard.scheme else []
         return to_record([*stated_conditions(hazard), *scheme])
+
+    def provenance(self, inputs: Sequence[Path], seed: int) -> dict[str, Any]:
+        """:func:`runout.io.provenance.provenance` of a result that depends on some input files and a seed."""
+        from runout.io.provenance import provenance
+
+        return provenance(
+            name=self.name, folder=self.folder, inputs=inputs, sha256=self.files.known.sha256, configuration=self.resolved(),
+            seed=seed, device=self.settings.simulation.device, changes=self.changes,
+        )  # fmt: skip
 
     def inputs(self) -> list[Path]:
         """All input files that members depend on with their side files, without site.yaml; public files are downloaded.

@@ -13,6 +13,7 @@ import numpy as np
 from runout.io import netcdf
 from runout.io.member_maps import MemberMaps
 from runout.io.vector import reaches
+from runout.model.arrays import window_of
 from runout.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class BoundaryMaps:
         """Keep the cells that the member at a place among the weights reaches."""
         mask = member.within(_THICKNESS, member.part.slices) >= self.threshold
         if mask.any():
-            rows, columns = _box(mask)
+            rows, columns = window_of(mask)
             place = _moved(rows, member.part.row), _moved(columns, member.part.column)
             self.reached.append((float(self.weights[number]), place, np.packbits(mask[rows, columns])))
 
@@ -108,11 +109,6 @@ def width_statement(probability: np.ndarray, size: tuple[float, float]) -> str:
         f"along the outline of 50 %, those of 5 % and 95 % are {middle:.3g} m apart (median; {low:.3g} to {high:.3g} m on 90 % of "
         "its length)"
     )
-
-
-def _box(mask: np.ndarray) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def _moved(span: slice, by: int) -> slice:

@@ -1,18 +1,16 @@
 """Rasters of single maps for a GIS, each with its group, its words and its style."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from runout.hazard.bed_maps import BED_MEANS, CHANGES
 from runout.hazard.boundary import DEVIATION, MEAN
 from runout.hazard.danger import INTENSITY, LEVEL, PERIOD, entries_of, label
 from runout.hazard.joint import conditions_of
 from runout.hazard.second_grid import DECIDING, SOURCES
-from runout.hazard.style import MapClasses, class_edges, legend_unit
+from runout.hazard.style import MapClasses, legend_unit
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
 from runout.quantities import (
@@ -190,18 +188,26 @@ def write_maps(hazard: "xr.Dataset", results: Path) -> list[Path]:
     return paths
 
 
+def write_own_maps(
+    maps: "xr.Dataset", names: Iterable[str], folder: Path, thresholds: Mapping[str, Sequence[float]] | None = None
+) -> list[Path]:
+    """Paths of a GeoTIFF and a QGIS style of each named map (rows, columns), with classes of its own."""
+    paths = []
+    for name in names:
+        paths.append(write_cog(maps, name, folder / f"{name}.tif"))
+        classes = MapClasses.over(name, [maps[name].values], (thresholds or {}).get(name, ()))
+        paths.append(write_text(classes.qml(), folder / f"{name}.qml"))
+    return paths
+
+
 def classes_of(hazard: "xr.Dataset", name: str) -> MapClasses:
     """Classes of a map of the products; all layers of one variable share them."""
     if name == DECIDING:
         return MapClasses.numbered([(number, colour, words) for number, (words, colour) in enumerate(SOURCES, 1)])
     if name in (INTENSITY, LEVEL):
         return MapClasses.numbered([(entry["number"], entry["colour"], label(entry)) for entry in entries_of(hazard, name)])
-    units, divisor = VARIABLES[name].printed
     alike = [other for other in CHANGES if other in hazard] if name in CHANGES else [name]
-    finite = [hazard[other].values[np.isfinite(hazard[other].values)] / divisor for other in alike]
-    ends = [end for values in finite if values.size for end in (float(values.min()), float(values.max()))]
-    smallest, largest = (min(ends), max(ends)) if ends else (0.0, 0.0)
-    return MapClasses.of(class_edges(name, _thresholds(hazard, name), smallest, largest), units, name)
+    return MapClasses.over(name, (hazard[other].values for other in alike), _thresholds(hazard, name))
 
 
 def _thresholds(hazard: "xr.Dataset", name: str) -> list[float]:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from runout.io import netcdf, source_code
 from runout.io.atomic import write_json
 from runout.io.member_maps import SNAPSHOTS, MemberMaps
 from runout.io.netcdf import study_attributes
-from runout.io.provenance import file_record, provenance
+from runout.io.provenance import file_record
 from runout.model.depth_resolution import worst
 from runout.model.limits import spacing_of
 from runout.model.release import Release, thickness_of
@@ -47,22 +47,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from runout.config.site import Site
-
-
-class EnsembleReport(Protocol):
-    """What the run of an ensemble says of its members."""
-
-    @property
-    def valid(self) -> Sequence[int]:
-        """Members with a result."""
-
-    @property
-    def failed(self) -> Mapping[int, str]:
-        """Members without one, and why."""
+    from runout.ensemble.run import EnsembleReport
 
 
 def write_products(
-    site: "Site", results: Path, members: "pd.DataFrame", report: EnsembleReport | Mapping[int, str] | None = None
+    site: "Site", results: Path, members: "pd.DataFrame", report: "EnsembleReport | Mapping[int, str] | None" = None
 ) -> list[Path]:
     """Paths of all products, after writing each as a whole; ``run.json`` comes last.
 
@@ -265,16 +254,7 @@ def _score(
 
 def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:
     settings = site.settings
-    origin = provenance(
-        name=site.name,
-        folder=site.folder,
-        inputs=site.files.paths(*OF_MEMBERS, *OF_PRODUCTS),
-        sha256=site.files.known.sha256,
-        configuration=site.resolved(),
-        seed=settings.ensemble.seed,
-        device=settings.simulation.device,
-        changes=site.changes,
-    )
+    origin = site.provenance(site.files.paths(*OF_MEMBERS, *OF_PRODUCTS), settings.ensemble.seed)
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
     zones = site.files.zones()
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
@@ -342,7 +322,7 @@ def _write_origin(origin: Mapping[str, Any], products: Iterable[Path], results: 
     return write_json(dict(origin) | {"products": records}, results / "run.json")
 
 
-def _states(report: EnsembleReport | Mapping[int, str] | None) -> Mapping[int, str] | None:
+def _states(report: "EnsembleReport | Mapping[int, str] | None") -> Mapping[int, str] | None:
     if report is None or isinstance(report, Mapping):
         return report
     return dict.fromkeys(report.valid, "done") | dict.fromkeys(report.failed, "failed")

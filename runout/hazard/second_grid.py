@@ -31,12 +31,10 @@ SOURCES = (("parameters", "#0072b2"), ("grid", "#e69f00"), ("number of members",
 
 def on_second_grid(site: "Site", members: int) -> "Site":
     """A site with its first members on the cells of the second grid."""
-    from runout.config.overrides import with_cell_size
-
     size = spacing_of(site.resolved()["simulation"]["cell_size"])
     update = {"members": members, "tolerance": None} if getattr(site.settings.ensemble, "tolerance", None) is not None else {}
     return site.with_settings(
-        simulation=with_cell_size(site.settings.simulation, tuple(RATIO * one for one in size)),
+        simulation=site.settings.simulation.with_cell_size(tuple(RATIO * one for one in size)),
         ensemble=site.settings.ensemble.model_copy(update=update),
     )
 

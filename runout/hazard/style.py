@@ -1,6 +1,6 @@
 """Classes of maps and their QGIS styles: at the thresholds of the site, over all values, transparent where nothing happens."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from runout.hazard.round_numbers import round_edges, round_series
 from runout.palettes import palette_of
+from runout.variables import VARIABLES
 
 PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 NUMBERS, STEPS, MIXED = "paletted", "DISCRETE", "INTERPOLATED"  # kinds of classes, as QGIS calls them
@@ -44,6 +45,14 @@ class MapClasses:
             for edge, top in zip(edges, upper, strict=True)
         ]
         return cls(tuple(edges), colours, tuple(labels), STEPS, "" if palette.opaque else f"0{units}")
+
+    @classmethod
+    def over(cls, name: str, maps: Iterable[np.ndarray], thresholds: Sequence[float] = ()) -> "MapClasses":
+        """Classes over all values of the ``maps`` [unit of :data:`VARIABLES`] of one variable; thresholds in the printed unit."""
+        units, divisor = VARIABLES[name].printed
+        finite = [values[np.isfinite(values)] / divisor for values in maps]
+        ends = [float(end) for values in finite if values.size for end in (values.min(), values.max())] or [0.0]
+        return cls.of(class_edges(name, thresholds, min(ends), max(ends)), units, name)
 
     @classmethod
     def numbered(cls, entries: Sequence[tuple[int, str, str]]) -> "MapClasses":
@@ -149,11 +158,6 @@ def below(edge: float) -> float:
 def legend_unit(unit: str) -> str:
     """A unit after a number in a legend."""
     return _LEGEND_UNITS.get(unit, f" {unit}")
-
-
-def qml(edges: Sequence[float], unit: str, name: str) -> str:
-    """Text of a QGIS style of the map ``name`` from the lower edges of its classes, in the unit of its raster."""
-    return MapClasses.of(edges, unit, name).qml()
 
 
 def _label(lower: float, upper: float | None, unit: str, transparent: bool) -> str:

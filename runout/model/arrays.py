@@ -1,4 +1,4 @@
-"""Checks arrays and numbers of callers: real numbers, or one clear error."""
+"""Checks arrays and numbers of callers: real numbers, or one clear error; and the window of an array that is in use."""
 
 from typing import Any
 
@@ -33,6 +33,15 @@ def real_pair(value: Any, what: str, error: type[InputError]) -> tuple[float, fl
         raise error(f"{what} is {shown(value)}; one or two finite numbers are needed")
     first, second = np.broadcast_to(numbers, 2)
     return float(first), float(second)
+
+
+def window_of(cells: np.ndarray, margin: tuple[int, int] = (0, 0)) -> tuple[slice, slice]:
+    """Rows and columns that hold all cells that are not 0, and a margin of rows and columns around them; all if all are 0."""
+    spans = []
+    for axis, more, size in zip((1, 0), margin, cells.shape, strict=True):
+        used = np.flatnonzero(cells.any(axis=axis))
+        spans.append(slice(max(0, int(used[0]) - more), min(size, int(used[-1]) + 1 + more)) if used.size else slice(0, size))
+    return spans[0], spans[1]
 
 
 def shown(value: Any) -> str:

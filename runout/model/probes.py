@@ -256,12 +256,7 @@ def cell_of(terrain: Terrain, places: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def ground_at(terrain: Terrain, places: np.ndarray) -> np.ndarray:
     """Elevation (n,) [m] at places (n, 2), bilinear between the cell centres; NaN beside cells without elevation."""
-    x = np.clip((places[:, 0] - terrain.west) / terrain.cell_size[0] - 0.5, 0.0, terrain.shape[1] - 1.0)
-    y = np.clip(terrain.shape[0] - 0.5 - (places[:, 1] - terrain.south) / terrain.cell_size[1], 0.0, terrain.shape[0] - 1.0)
-    i, j = np.minimum(x.astype(int), terrain.shape[1] - 2), np.minimum(y.astype(int), terrain.shape[0] - 2)
-    u, v, z = x - i, y - j, terrain.elevation
-    upper, lower = (1 - u) * z[j, i] + u * z[j, i + 1], (1 - u) * z[j + 1, i] + u * z[j + 1, i + 1]
-    return (1 - v) * upper + v * lower  # type: ignore[no-any-return]
+    return terrain.elevation_at(places - (terrain.west, terrain.south))
 
 
 def downhill_on_the_left(line: CrossSection, terrain: Terrain) -> Vertices:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.arrays import window_of
 from runout.model.limits import checked
 
 if TYPE_CHECKING:
@@ -90,8 +91,7 @@ class StartVelocity:
 
 def _mean_gradient(release: "Release") -> np.ndarray:
     """Mean gradient (2,) east and north [1] of the terrain below a release, weighted by its thickness."""
-    rows, columns = (np.flatnonzero(release.thickness.any(axis=axis)) for axis in (1, 0))
-    part = np.s_[max(0, rows[0] - 1) : rows[-1] + 2, max(0, columns[0] - 1) : columns[-1] + 2]
+    part = window_of(release.thickness, margin=(1, 1))
     dx, dy = release.terrain.cell_size
     south, east = np.gradient(release.terrain.elevation[part], dy, dx)
     weight = np.where(np.isfinite(south + east), release.thickness[part], 0.0)

@@ -204,6 +204,19 @@ class Terrain:
         """Values (..., rows, columns) on the cells that have an elevation, another on those that have none."""
         return np.where(np.isnan(self.elevation), otherwise, values)
 
+    def elevation_at(self, points: np.ndarray) -> np.ndarray:
+        """Elevation [m] at local positions (..., 2 or 3) [m], linear between the centres of cells, constant beyond the outer ones.
+
+        NaN beside cells without elevation.
+        """
+        rows, columns = self.shape
+        x = np.clip(points[..., 0] / self.cell_size[0] - 0.5, 0.0, columns - 1.0)
+        y = np.clip(rows - 0.5 - points[..., 1] / self.cell_size[1], 0.0, rows - 1.0)
+        i, j = np.minimum(x.astype(int), columns - 2), np.minimum(y.astype(int), rows - 2)
+        u, v, z = x - i, y - j, self.elevation
+        upper, lower = (1 - u) * z[j, i] + u * z[j, i + 1], (1 - u) * z[j + 1, i] + u * z[j + 1, i + 1]
+        return (1 - v) * upper + v * lower  # type: ignore[no-any-return]
+
     def part(self, rows: slice, columns: slice) -> "Terrain":
         """Some rows and columns, in their place on the map; both slices state where they start and stop."""
         west = self.west + columns.start * self.cell_size[0]

@@ -44,7 +44,7 @@ class Chart:
 
     def points(self, x: Any, y: Any, colour: str, label: str = "") -> None:
         """Add points."""
-        places = zip(*self._to_picture(np.asarray(x, float), np.asarray(y, float)), strict=True)
+        places = zip(*self.place(np.asarray(x, float), np.asarray(y, float)), strict=True)
         circles = (f'<circle cx="{a:.1f}" cy="{b:.1f}" r="3.4"/>' for a, b in places if math.isfinite(a + b))
         self.parts.append(f'<g fill="{colour}" class="v-points">{"".join(circles)}</g>')
         self._name(colour, label)
@@ -62,7 +62,8 @@ class Chart:
         if label:
             self.legend.append((colour, label))
 
-    def _to_picture(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Place in the picture of values."""
         (west, east), (low, high) = self.x, self.y
         across = LEFT + (x - west) / ((east - west) or 1.0) * (WIDTH - LEFT - RIGHT)
         return across, self.height - BOTTOM - (y - low) / ((high - low) or 1.0) * (self.height - TOP - BOTTOM)
@@ -70,17 +71,17 @@ class Chart:
     def _path(self, x: Any, y: Any, whole: bool = False) -> str:
         step = 1 if whole else max(1, math.ceil(len(x) / MOST_PLACES))
         known = np.isfinite(np.asarray(x, float)) & np.isfinite(np.asarray(y, float))
-        a, b = self._to_picture(np.asarray(x, float)[known][::step], np.asarray(y, float)[known][::step])
+        a, b = self.place(np.asarray(x, float)[known][::step], np.asarray(y, float)[known][::step])
         return "M" + "L".join(f"{i:.1f} {j:.1f}" for i, j in zip(a, b, strict=True)) if len(a) else ""
 
     def _axes(self) -> str:
         """Grid, numbers and labels."""
         parts, foot, right = [], self.height - BOTTOM, WIDTH - RIGHT
         for value in round_ticks(*self.y, 4):
-            y = float(self._to_picture(np.array(self.x[0]), np.array(value))[1])
+            y = float(self.place(np.array(self.x[0]), np.array(value))[1])
             parts += [f'<path d="M{LEFT} {y:.1f}H{right}" class="v-grid"/>', text(LEFT - 5, y, _number(value), "end")]
         for value, name in self.names or [(value, _number(value)) for value in round_ticks(*self.x, 5)]:
-            x = float(self._to_picture(np.array(value), np.array(self.y[0]))[0])
+            x = float(self.place(np.array(value), np.array(self.y[0]))[0])
             parts += [f'<path d="M{x:.1f} {foot}v4" class="v-frame"/>', text(x, foot + 12, name)]
         middle = (TOP + foot) / 2
         turned = f' transform="rotate(-90 9 {middle})"'

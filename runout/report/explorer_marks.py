@@ -9,9 +9,7 @@ from runout.errors import StorageError
 from runout.hazard.profiles import DISTANCE
 from runout.io.probe_files import PERCENTILE, TIME
 from runout.report.marks import INK, OBSERVED, OBSTACLE, PROBE, RELEASE, Mark
-from runout.report.probe_figures import PANELS
-from runout.report.profile_figures import DEPOSIT, FLOW, GROUND
-from runout.report.profile_figures import PANELS as PROFILE_PANELS
+from runout.report.probe_figures import DEPOSIT, FLOW, GROUND, PANELS, PROFILE_PANELS
 from runout.report.structures import LoadError, structure_section
 from runout.report.study import Study
 from runout.report.tables import cells_through

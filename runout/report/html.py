@@ -1,6 +1,5 @@
 """The report of a study: one self-contained HTML file."""
 
-from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from hashlib import sha256
@@ -25,15 +24,13 @@ from runout.report.wording import MINUS, quantity
 if TYPE_CHECKING:
     import pandas as pd
 
-    from runout.report.stills import Stills
-
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
 LOCAL = "local coordinates"
 FEWEST_POINTS = 3  # members from which a chart of the run-out over a parameter is drawn
 
 
-def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None) -> Path:
+def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], dict[str, Any]] | None" = None) -> Path:
     """Write the report ``results/report.html``, completely or not at all; returns its path.
 
     Parameters
@@ -43,7 +40,7 @@ def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Sti
     results : Path
         Folder with ``hazard.nc``, ``members.nc``, ``members/``, ``outlines.gpkg`` and ``run.json``.
     stills : callable, optional
-        Draws valid members in three dimensions.
+        Draws valid members in three dimensions; returns the content of the section.
 
     Raises
     ------
@@ -54,7 +51,7 @@ def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Sti
 
     study = read_study(Path(results))
     content = page(site, study, sha256((Path(results) / "hazard.nc").read_bytes()).hexdigest())
-    drawn = stills(study.valid).content() if stills else None
+    drawn = stills(study.valid) if stills else None
     return write_text(render({**content, "stills": drawn}), Path(results) / REPORT)
 
 
@@ -200,11 +197,6 @@ def _charts(study: Study) -> dict[str, Any]:
         "representative": figures.representative(valid),
         "dependence": [figures.parameter_chart(valid, name) for name in sampled] if len(valid) >= FEWEST_POINTS else [],
     }
-
-
-def embedded(picture: bytes | None, kind: str = "png") -> str | None:
-    """A picture as the address of an image; None for none."""
-    return None if picture is None else f"data:image/{kind};base64," + b64encode(picture).decode("ascii")
 
 
 def render(content: dict[str, Any], template: str = TEMPLATE) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.hazard.round_numbers import round_length, round_ticks
 from runout.palettes import palette_of
-from runout.report.marks import INK, Mark, draw_marks, draw_observed, draw_probes, draw_unknown
+from runout.report.marks import INK, Mark, draw_marks, draw_unknown
 from runout.report.relief import hillshade
 from runout.report.values import NORMAL, SMALL, Extent, MapStyle, Window, draw_values
 
@@ -168,10 +168,7 @@ def draw_frame(axes: Any, basemap: Basemap, window: Window) -> None:
     """Outlines of releases, obstacles and friction zones, their labels, coordinates in km, scale bar and north arrow."""
     west, east, south, north = basemap.extent(window)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-    taken: list[np.ndarray] = []
-    draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, taken)
-    draw_observed(axes, basemap.observed, taken)
-    draw_probes(axes, basemap.probes, taken)
+    draw_marks(axes, basemap)
     _coordinates(axes, max(east - west, north - south))
     _scale_bar(axes, east - west)
     _north_arrow(axes)

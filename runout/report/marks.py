@@ -1,6 +1,6 @@
-"""Draws outlines and labels of releases, obstacles and friction zones on a map."""
+"""Outlines, points and labels of a map: those that get a label and where it lies, for all maps, and how matplotlib draws them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,16 +9,13 @@ import numpy as np
 from runout.palettes import OBSERVED, OBSTACLE, PROBE, RELEASE
 
 INK = "#22282f"
-MOST_LABELS = 12  # on one map
-LABEL_SIZE = 9.0  # [pt]
-WIDE = 0.33  # half the mean width of a letter over its size, with a reserve: the axes may still shrink
-SYMBOL = 4.0  # from the middle of a point to the edge of its symbol [pt]
-GAP = 2.0  # between a mark and the label beside it [pt]
-BESIDE = (  # places of labels: corner or middle of a side of a mark, and direction from there to the label, east and north
-    *(((0, 1), (0, 1)), ((0, -1), (0, -1)), ((1, 0), (1, 0)), ((-1, 0), (-1, 0))),
-    *(((1, 1), (-1, 1)), ((1, -1), (-1, -1)), ((-1, 1), (1, 1)), ((-1, -1), (1, -1))),
-)
+MOST_LABELS = 14  # of a kind on one map
+LETTER, LINE, LABEL_SIZE = 6.2, 12.0, 9.0  # width of a letter and height of a line of a label; size of its font [pt]
+GAP = 6.0  # between a mark and the label beside it; of a point with its symbol
+PLACES = ((0, 0), (0, -1), (0, 1), (1, 0), (-1, 0))  # of a label: in the middle of a mark, above, below, to the right, to the left
 UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched unlike obstacles
+
+Box = tuple[float, float, float, float]  # left, top, right, bottom, from the upper left corner of a map
 
 
 @dataclass(frozen=True)
@@ -29,56 +26,99 @@ class Mark:
     label: str
 
 
-def draw_marks(
-    axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zones: Sequence[Mark], taken: list[np.ndarray]
-) -> None:
-    """Draw releases red, obstacles hatched and friction zones dashed within the limits of the axes.
+def label_places(
+    basemap: Any, extent: tuple[float, float, float, float], box_of: Callable[[Any], Box], size: tuple[float, float]
+) -> Iterator[tuple[float, float, str, str]]:
+    """Middle x and y, words and colour of the labels on a map of a ``size``; one without a free place is left out.
 
-    The last two are labelled clear of the boxes of labels ``taken``, which get theirs.
+    Marks within the ``extent`` (west, east, south, north) [m] get one. ``box_of`` is the box on the map of a geometry.
     """
-    for x, y in _rings([zone.geometry for zone in zones]):
+    from shapely import box
+
+    west, east, south, north = extent
+    window = box(west, south, east, north)
+    kinds = ((basemap.probes, PROBE), (basemap.observed, OBSERVED), (basemap.obstacles, OBSTACLE), (basemap.zones, INK))
+    labelled = [(mark, colour) for marks, colour in kinds for mark in [mark for mark in marks if mark.label][:MOST_LABELS]]
+    shown = [(mark.label, colour, mark.geometry.intersection(window)) for mark, colour in labelled]
+    boxes = [(label, colour, box_of(geometry)) for label, colour, geometry in shown if not geometry.is_empty]
+    small = [mark for label, _, mark in boxes if not _holds(mark, label)]
+    taken: list[Box] = []
+    for label, colour, mark in boxes:
+        place = _free_place(label, mark, size, [*taken, *small]) or _free_place(label, mark, size, taken)
+        if place is not None:
+            taken.append(_around(*place, label))
+            yield *place, label, colour
+
+
+def _free_place(label: str, mark: Box, size: tuple[float, float], taken: Sequence[Box]) -> tuple[float, float] | None:
+    """Middle of a label in a ``mark`` that is larger, else beside it, where it covers none of the boxes ``taken``."""
+    left, top, right, bottom = mark
+    half = 0.5 * LETTER * len(label), 0.5 * LINE
+    for across, down in PLACES if _holds(mark, label) else PLACES[1:]:
+        x = 0.5 * (left + right) + across * (0.5 * (right - left) + half[0] + GAP)
+        y = 0.5 * (top + bottom) + down * (0.5 * (bottom - top) + half[1] + GAP)
+        area = _around(x, y, label)
+        within = area[0] >= 0 and area[1] >= 0 and area[2] <= size[0] and area[3] <= size[1]
+        if within and not any(_overlap(area, other) for other in taken):
+            return x, y
+    return None
+
+
+def _around(x: float, y: float, label: str) -> Box:
+    half = 0.5 * LETTER * len(label), 0.5 * LINE
+    return x - half[0], y - half[1], x + half[0], y + half[1]
+
+
+def _holds(mark: Box, label: str) -> bool:
+    return mark[2] - mark[0] > LETTER * len(label) and mark[3] - mark[1] > LINE
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def draw_marks(axes: Any, basemap: Any) -> None:
+    """Draw the marks of a basemap within the limits of axes, with their labels.
+
+    Releases are red, obstacles hatched, friction zones dashed, what was observed blue with triangles, probes purple with dots.
+    """
+    for x, y in _rings([zone.geometry for zone in basemap.zones]):
         axes.plot(x, y, color="white", linewidth=1.8, alpha=0.6, zorder=3)
         axes.plot(x, y, color=INK, linewidth=0.9, linestyle=(0, (5, 3)), zorder=3)
-    for obstacle in obstacles:
+    for obstacle in basemap.obstacles:
         axes.add_patch(_hatched(obstacle.geometry))
-    for x, y in _rings(releases):
+    for marks, colour, symbol in ((basemap.observed, OBSERVED, "^"), (basemap.probes, PROBE, "o")):
+        points = [mark.geometry for mark in marks if mark.geometry.geom_type == "Point"]
+        _draw_cased(axes, [mark.geometry for mark in marks if mark.geometry.geom_type != "Point"], colour)
+        for point in points:
+            axes.plot(point.x, point.y, symbol, color=colour, markeredgecolor="white", markersize=6, zorder=5)
+    _draw_cased(axes, basemap.outlines, RELEASE)
+    _draw_labels(axes, basemap)
+
+
+def _draw_cased(axes: Any, shapes: Sequence[Any], colour: str) -> None:
+    """Lines and rings over a white line."""
+    for x, y in _rings(shapes):
         axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
-        axes.plot(x, y, color=RELEASE, linewidth=1.3, zorder=4)
-    marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
-    clear = [_box_of(axes, o.geometry) for o in obstacles if not _visible(axes, o.geometry).is_empty]
-    for mark, colour in _in_order(axes, marks):
-        _label(axes, mark, colour, taken=taken, kept_clear=clear if colour == OBSTACLE else None)
+        axes.plot(x, y, color=colour, linewidth=1.3, zorder=4)
 
 
-def draw_observed(axes: Any, observed: Sequence[Mark], taken: list[np.ndarray]) -> None:
-    """Draw observed outlines blue, a thalweg dotted and points as triangles with their labels; ``taken`` as for marks."""
-    kinds: dict[str, list[Mark]] = {}
-    for mark in observed:
-        kinds.setdefault(mark.geometry.geom_type.removeprefix("Multi"), []).append(mark)
-    for x, y in _rings([mark.geometry for mark in kinds.get("Polygon", [])]):
-        axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
-        axes.plot(x, y, color=OBSERVED, linewidth=1.3, zorder=4)
-    for mark in kinds.get("LineString", []):
-        axes.plot(*mark.geometry.xy, color=OBSERVED, linewidth=1.0, linestyle=(0, (1, 2)), zorder=4)
-    points = kinds.get("Point", [])
-    for mark in points:
-        axes.plot(mark.geometry.x, mark.geometry.y, "^", color=OBSERVED, markeredgecolor="white", markersize=6, zorder=5)
-    for mark in points[:MOST_LABELS]:
-        _label(axes, mark, OBSERVED, taken=taken, kept_clear=())
+def _draw_labels(axes: Any, basemap: Any) -> None:
+    """Write the labels of marks within the limits of axes; their boxes are in points."""
+    from matplotlib.patheffects import withStroke
 
+    pixels, (west, _, _, north), pixel = axes.transData, axes.bbox.extents, axes.figure.dpi / 72.0
 
-def draw_probes(axes: Any, probes: Sequence[Mark], taken: list[np.ndarray]) -> None:
-    """Draw points of recorded series as purple dots, cross-sections as lines, with their names; ``taken`` as for marks."""
-    for mark in probes:
-        if mark.geometry.geom_type == "Point":
-            axes.plot(mark.geometry.x, mark.geometry.y, "o", color=PROBE, markeredgecolor="white", markersize=5, zorder=5)
-        else:
-            axes.plot(*mark.geometry.xy, color="white", linewidth=2.6, alpha=0.8, zorder=3)
-            axes.plot(*mark.geometry.xy, color=PROBE, linewidth=1.3, zorder=4)
-    for mark in probes[:MOST_LABELS]:
-        is_point = mark.geometry.geom_type == "Point"
-        place = mark.geometry if is_point else mark.geometry.interpolate(0.12, normalized=True)  # inside the map
-        _label(axes, Mark(place, mark.label), PROBE, taken=taken, kept_clear=())
+    def box_of(geometry: Any) -> Box:
+        (left, bottom), (right, top) = (pixels.transform(np.reshape(geometry.bounds, (2, 2))) - (west, north)) / (pixel, -pixel)
+        return left, top, right, bottom
+
+    size = axes.bbox.width / pixel, axes.bbox.height / pixel
+    for x, y, label, colour in label_places(basemap, (*axes.get_xlim(), *axes.get_ylim()), box_of, size):
+        axes.annotate(
+            label, pixels.inverted().transform((west + x * pixel, north - y * pixel)), ha="center", va="center",
+            fontsize=LABEL_SIZE, color=colour, zorder=6, path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )  # fmt: skip
 
 
 def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:
@@ -102,16 +142,6 @@ def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, flo
     legend.set_zorder(6)
 
 
-def _in_order(axes: Any, marks: list[tuple[Mark, str]]) -> list[tuple[Mark, str]]:
-    """The largest marks by the order of their labels: zones and those that hold theirs, then the others, the smallest first."""
-    largest = sorted(marks, key=lambda pair: -pair[0].geometry.area)[:MOST_LABELS]
-    seen = [(mark, colour) for mark, colour in largest if not _visible(axes, mark.geometry).is_empty]
-    beside = [colour == OBSTACLE and not _fits(axes, mark.label, mark.geometry) for mark, colour in seen]
-    return [pair for pair, small in zip(seen, beside, strict=True) if not small] + [
-        pair for pair, small in zip(seen[::-1], beside[::-1], strict=True) if small
-    ]
-
-
 def _hatched(geometry: Any) -> Any:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
@@ -119,91 +149,6 @@ def _hatched(geometry: Any) -> Any:
     rings = [Path(list(zip(*ring, strict=True)), closed=True) for ring in _rings([geometry])]
     path = Path.make_compound_path(*rings)
     return PathPatch(path, facecolor=(1.0, 1.0, 1.0, 0.35), edgecolor=OBSTACLE, linewidth=1.2, hatch="////", zorder=3)
-
-
-def _label(axes: Any, mark: Mark, colour: str, *, taken: list[np.ndarray], kept_clear: Sequence[np.ndarray] | None = None) -> None:
-    """Write a label inside the visible part of a mark where it covers none of ``taken``, boxes (4,) of the labels before.
-
-    With ``kept_clear`` it is written beside a mark that is too small for it, clear of these boxes too if there is such a place.
-    """
-    from matplotlib.patheffects import withStroke
-
-    shown = _visible(axes, mark.geometry)
-    if shown.is_empty:
-        return
-    free = _free_place(axes, mark.label, shown, taken, kept_clear)
-    if free is None:
-        return
-    place, side = free
-    offset = side[0] * _gap(shown), side[1] * _gap(shown)
-    axes.annotate(
-        mark.label, place, offset, textcoords="offset points", ha=("center", "left", "right")[side[0]],
-        va=("center", "bottom", "top")[side[1]], fontsize=LABEL_SIZE, color=colour, zorder=6,
-        path_effects=[withStroke(linewidth=2.5, foreground="white")],
-    )  # fmt: skip
-
-
-def _visible(axes: Any, geometry: Any) -> Any:
-    """The part of a geometry within the limits of the axes."""
-    from shapely import box
-
-    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    return geometry.intersection(box(west, south, east, north))
-
-
-def _free_place(
-    axes: Any, label: str, shown: Any, taken: list[np.ndarray], kept_clear: Sequence[np.ndarray] | None
-) -> tuple[tuple[float, float], tuple[int, int]] | None:
-    """Place of a label in map coordinates and the side of it on which the label lies; None where all would cover another label.
-
-    Boxes (left, bottom, right, top) [pixel] are those of :func:`_box_of`; that of the label is added to ``taken``.
-    """
-    half, gap, whole = _half(axes, label), _gap(shown) * axes.figure.dpi / 72.0, axes.bbox.extents
-    west, south, east, north = shown.bounds
-    inside = (shown.representative_point().coords[0], (0, 0))
-    for corner, near in () if kept_clear is None or _fits(axes, label, shown) else BESIDE:
-        place = ((west + east) / 2 + corner[0] * (east - west) / 2, (south + north) / 2 + corner[1] * (north - south) / 2)
-        box = _around(axes.transData.transform(place) + np.array(near) * (half + gap), half)
-        within = (box[:2] >= whole[:2]).all() and (box[2:] <= whole[2:]).all()
-        if within and not any(_overlap(box, other) for other in (*taken, *(kept_clear or ()))):
-            taken.append(box)
-            return place, near
-    box = _around(axes.transData.transform(inside[0]), half)
-    if any(_overlap(box, other) for other in taken):
-        return None
-    taken.append(box)
-    return inside
-
-
-def _gap(geometry: Any) -> float:
-    """Distance [pt] of a label from the border of a geometry; a point has a symbol."""
-    return GAP + (SYMBOL if geometry.geom_type == "Point" else 0.0)
-
-
-def _box_of(axes: Any, geometry: Any) -> np.ndarray:
-    """Box around the visible part of a geometry: left, bottom, right, top [pixel]."""
-    bounds = np.array(_visible(axes, geometry).bounds)
-    return axes.transData.transform(bounds.reshape(2, 2)).ravel()  # type: ignore[no-any-return]
-
-
-def _half(axes: Any, label: str) -> np.ndarray:
-    """Half the width and height of a label [pixel]."""
-    letters = max(len(line) for line in label.splitlines() or [""])
-    return LABEL_SIZE * axes.figure.dpi / 72.0 * np.array([WIDE * letters, 0.6])  # type: ignore[no-any-return]
-
-
-def _fits(axes: Any, label: str, geometry: Any) -> bool:
-    """Whether a label is smaller than the box around the visible part of a geometry."""
-    box = _box_of(axes, geometry)
-    return bool((box[2:] - box[:2] >= 2.0 * _half(axes, label)).all())
-
-
-def _around(middle: np.ndarray, half: np.ndarray) -> np.ndarray:
-    return np.concatenate([middle - half, middle + half])
-
-
-def _overlap(box: np.ndarray, other: np.ndarray) -> bool:
-    return bool((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all())
 
 
 def _rings(shapes: Sequence[Any]) -> Iterator[tuple[Any, Any]]:

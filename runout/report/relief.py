@@ -3,7 +3,7 @@
 import io
 import math
 from base64 import b64encode
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315, 42
 EXAGGERATION = 1.3
 BRIGHTEST = 250  # grey of ground that faces the sun
 STRIPES, STRIPED = 4, (140, 205)  # pixels from stripe to stripe, and greys, of ground without elevation
-QUALITY = 78  # of JPEG
+QUALITY = 78  # of JPEG where no other is chosen
 
 
 def hillshade(elevation: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:
@@ -57,8 +57,8 @@ def relief_picture(elevation: np.ndarray, cell_size: tuple[float, float], most: 
     return picture.resize((larger * picture.width, larger * picture.height), Image.Resampling.BICUBIC) if larger > 1 else picture
 
 
-def jpeg_address(picture: "Image") -> str:
-    """A picture as the address of a JPEG inside a page."""
+def address(picture: "Image", kind: str = "jpeg", **options: Any) -> str:
+    """A picture as the address of an image of a kind inside a page; ``options`` are those of Pillow."""
     file = io.BytesIO()
-    picture.save(file, "JPEG", quality=QUALITY)
-    return "data:image/jpeg;base64," + b64encode(file.getvalue()).decode("ascii")
+    picture.save(file, kind, **(options or {"quality": QUALITY}))
+    return f"data:image/{kind};base64," + b64encode(file.getvalue()).decode("ascii")

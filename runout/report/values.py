@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from runout.hazard.round_numbers import round_edges, round_series, round_ticks
+from runout.model.arrays import window_of
 from runout.palettes import ANNUAL_RATES, Palette, palette_of
 from runout.quantities import ALL_QUANTITIES, MapQuantity
 from runout.report.marks import INK
@@ -82,18 +83,9 @@ def paint_values(axes: Any, extent: Extent, values: np.ndarray, style: MapStyle)
     """Image of ``values`` (rows, columns) on the extent of a map, and what it shows, in printed units."""
     shown = np.ma.masked_invalid(np.asarray(values, np.float64))
     shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
-    scale, box = colour_scale(shown, style), _box(shown)
+    scale, box = colour_scale(shown, style), window_of(~np.ma.getmaskarray(shown))
     part = _extent_of(box, shown.shape, extent)
     return axes.imshow(shown[box], extent=part, interpolation="nearest", alpha=0.86, zorder=VALUES, **scale), shown
-
-
-def _box(shown: np.ma.MaskedArray) -> Window:
-    """Rows and columns that hold all cells with a colour; those of the first cell where none has one."""
-    known = ~np.ma.getmaskarray(shown)
-    places = [np.flatnonzero(known.any(axis=axis)) for axis in (1, 0)]
-    if not places[0].size:
-        return slice(0, 1), slice(0, 1)
-    return slice(places[0][0], places[0][-1] + 1), slice(places[1][0], places[1][-1] + 1)
 
 
 def _extent_of(box: Window, shape: tuple[int, ...], extent: Extent) -> Extent:

@@ -5,10 +5,8 @@ with one pixel a cell. Letters are those of the page, so that maps are sharp in 
 """
 
 import math
-from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,8 @@ from markupsafe import Markup, escape
 
 from runout.hazard.round_numbers import round_length, round_ticks
 from runout.report.maps import Basemap
-from runout.report.marks import INK, OBSERVED, OBSTACLE, PROBE, RELEASE, Mark
-from runout.report.relief import jpeg_address, relief_picture
+from runout.report.marks import INK, LINE, OBSERVED, OBSTACLE, PROBE, RELEASE, Box, Mark, label_places
+from runout.report.relief import address, relief_picture
 from runout.report.values import MapStyle, Window, colour_scale, scale_ticks
 
 WIDTH, TALLEST = 440.0, 470.0  # of a map with its coordinates, and height of the map [units of the picture]
@@ -27,11 +25,8 @@ SHADE_PIXELS = 900  # about the longer side of the relief, as a PDF shows each p
 DARKEST = 148  # grey of the relief, light enough for print
 BROAD = 0.7  # height over width of maps that are printed in landscape
 CONTOURS = 8
-MOST_LABELS = 14
-LETTER, LINE = 6.2, 12.0  # width of a letter and height of a line of a label
 TRANSPARENT = 255  # index of cells without a colour
 BAR_PARTS = 48  # of a continuous colour bar
-PLACES = ((0, 0), (0, -1), (0, 1), (1, 0), (-1, 0))  # of a label: in the middle of a mark, above, below, to the right, to the left
 
 
 @dataclass(frozen=True)
@@ -70,7 +65,7 @@ class VectorMaps:
         parts = [
             '<pattern id="hatch" width="5" height="5" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
             f'<rect width="5" height="5" fill="#ffffff59"/><path d="M0 0V5" stroke="{OBSTACLE}" stroke-width="1.4"/></pattern>',
-            f'<g id="{self.name}-ground">{self._image(jpeg_address(relief), smooth=True)}{self._contours()}</g>',
+            f'<g id="{self.name}-ground">{self._image(address(relief), smooth=True)}{self._contours()}</g>',
             f'<g id="{self.name}-marks">{"".join(self._marks())}</g>',
             f'<g id="{self.name}-frame">{"".join(self._frame())}</g>',
         ]
@@ -166,11 +161,8 @@ class VectorMaps:
                 yield self._symbol(mark, colour)
         for outline in ground.outlines:
             yield self._cased(self._path(outline), RELEASE)
-        taken: list[tuple[float, float, float, float]] = []
-        labelled = ((ground.probes, PROBE), (ground.observed, OBSERVED), (ground.obstacles, OBSTACLE), (ground.zones, INK))
-        for marks, colour in labelled:
-            for mark in [mark for mark in marks if mark.label][:MOST_LABELS]:
-                yield self._label(mark, colour, taken)
+        for x, y, label, colour in label_places(ground, self.extent, self._box, (self.width, self.height)):
+            yield text(x, y, label, "label", f' fill="{colour}"')
 
     def _symbol(self, mark: Mark, colour: str) -> str:
         if mark.geometry.geom_type != "Point":
@@ -183,26 +175,9 @@ class VectorMaps:
             f'<path d="{path}" class="v-line" stroke="{colour}"/>'
         )
 
-    def _label(self, mark: Mark, colour: str, taken: list[tuple[float, float, float, float]]) -> str:
-        """The label of a mark where it covers no other one; empty if there is no such place in the window."""
-        from shapely import box
-
-        west, east, south, north = self.extent
-        seen = mark.geometry.intersection(box(west, south, east, north))
-        if seen.is_empty:
-            return ""
-        (left, right), (low, high) = self._to_picture(seen.bounds[0::2], seen.bounds[1::2])
-        half = 0.5 * LETTER * len(mark.label), 0.5 * LINE
-        inside = right - left > 2 * half[0] and low - high > LINE
-        for across, down in PLACES if inside else PLACES[1:]:
-            x = 0.5 * (left + right) + across * (0.5 * (right - left) + half[0] + 4)
-            y = 0.5 * (low + high) + down * (0.5 * (low - high) + half[1] + 4)
-            area = x - half[0], y - half[1], x + half[0], y + half[1]
-            within = area[0] >= 0 and area[1] >= 0 and area[2] <= self.width and area[3] <= self.height
-            if within and not any(_overlap(area, other) for other in taken):
-                taken.append(area)
-                return text(x, y, mark.label, "label", f' fill="{colour}"')
-        return ""
+    def _box(self, geometry: Any) -> Box:
+        (left, right), (bottom, top) = self._to_picture(geometry.bounds[0::2], geometry.bounds[1::2])
+        return left, top, right, bottom
 
     def _frame(self) -> Iterator[str]:
         """Frame, coordinates in km, scale bar and north arrow."""
@@ -272,18 +247,12 @@ def _indexed(index: np.ndarray, colours: np.ndarray) -> str:
     palette = np.zeros((256, 3), np.uint8)
     palette[: len(colours)] = colours
     picture.putpalette(palette.tobytes())
-    buffer = BytesIO()
-    picture.save(buffer, "png", transparency=TRANSPARENT, optimize=False)
-    return "data:image/png;base64," + b64encode(buffer.getvalue()).decode("ascii")
+    return address(picture, "png", transparency=TRANSPARENT, optimize=False)
 
 
 def text(x: float, y: float, words: str, kind: str = "number", more: str = "") -> str:
     """Text of SVG about a place of the picture; ``more`` are further attributes."""
     return f'<text x="{x:.1f}" y="{y:.1f}" class="v-text v-{kind}"{more}>{escape(words)}</text>'
-
-
-def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def _short(value: float) -> str:

@@ -1,23 +1,21 @@
 """Page of ``runout what-if``: the map of each run with a slider, and area, run-out and volumes against the parameters."""
 
-import io
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
+from markupsafe import Markup
 
 from runout import __version__
 from runout.ensemble.sweep import Sweep
+from runout.palettes import Palette
+from runout.report.chart import Chart
 from runout.report.explorer import explorer
-from runout.report.figures import parameter_label, tidy
+from runout.report.figures import parameter_label
 from runout.report.html import render
-from runout.report.marks import INK
 from runout.report.study import read_study
-from runout.report.values import NORMAL, SMALL
 from runout.report.wording import number
 
 if TYPE_CHECKING:
@@ -27,8 +25,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = "what_if.html.jinja"
 GROUND = ("elevation", "ground_slope", "release_thickness", "members_reached")  # maps that say nothing of a probability
-PANEL, COLUMNS, DPI = (3.7, 2.9), 3, 72.0  # inch, panels in a row, points of SVG in an inch
-DISTINCT = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # of Okabe and Ito
+DISTINCT = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6b737c")  # of Okabe and Ito, grey for black
 TITLES = {"reached_area": "area reached [km²]", "runout_distance": "run-out [m]"}
 PASSED = "passed "  # before the name of a cross-section
 
@@ -106,56 +103,35 @@ def _lines(sweep: Sweep, outcomes: "pd.DataFrame", parameter: str) -> dict[str, 
     return {label: sorted(members, key=lambda one: rows[one][parameter]) for label, members in lines.items()}
 
 
-def drawn(panels: Sequence[Curve], outcomes: "pd.DataFrame") -> tuple[str, list[list[list[float]]]]:
-    """SVG of the panels, and for each run in the order of the table the places [pixel of the SVG] of its points."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    columns = min(COLUMNS, len(panels))
-    rows = math.ceil(len(panels) / columns)
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "what-if"}):
-        figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows), layout="constrained", dpi=DPI)
-        axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for one, curve in zip(axes, panels, strict=False):
-            _draw(one, curve, outcomes)
-        for one in axes[len(panels) :]:
-            one.set_axis_off()
-        if len(panels[0].lines) > 1:
-            figure.legend(*axes[0].get_legend_handles_labels(), fontsize=SMALL, frameon=False, loc="outside upper left", ncols=4)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    height = figure.bbox.height
-    places: dict[int, list[list[float]]] = {member: [] for member in outcomes.index}
-    for one, curve in zip(axes, panels, strict=False):
-        for member in (member for line in curve.lines.values() for member in line):
-            value = outcomes.at[member, curve.outcome] / _divisor(curve, outcomes)
-            x, y = one.transData.transform([outcomes.at[member, curve.parameter], value])
-            places[member].append([round(float(x), 1), round(float(height - y), 1)])
-    content = text.getvalue()
-    return content[content.index("<svg") :], list(places.values())
+def drawn(panels: Sequence[Curve], outcomes: "pd.DataFrame") -> tuple[list[Markup], list[list[list[float]]]]:
+    """SVG of the panels, and for each run in the order of the table the places of its points: x, y and number of the panel."""
+    charts, places = [], {member: list[list[float]]() for member in outcomes.index}
+    for panel_number, curve in enumerate(panels):
+        chart, divisor = _chart(curve, outcomes), _divisor(curve, outcomes)
+        several = len(curve.lines)
+        colours = DISTINCT if several <= len(DISTINCT) else Palette("viridis").hexadecimal(several)
+        for colour, (label, members) in zip(colours, curve.lines.items(), strict=False):
+            x, y = outcomes.loc[members, [curve.parameter, curve.outcome]].to_numpy().T
+            chart.line(x, y / divisor, colour)
+            chart.points(x, y / divisor, colour, label)
+            for member, *place in zip(members, *chart.place(x, y / divisor), strict=True):
+                places[member].append([*(round(float(part), 1) for part in place), panel_number])
+        charts.append(chart.svg(f"{_heading(curve.outcome)} against {parameter_label(curve.parameter)}"))
+    return charts, list(places.values())
 
 
-def _draw(axes: Any, curve: Curve, outcomes: "pd.DataFrame") -> None:
-    units = _divisor(curve, outcomes)
-    for (label, members), colour in zip(curve.lines.items(), _colours(len(curve.lines)), strict=True):
-        x, y = outcomes.loc[members, [curve.parameter, curve.outcome]].to_numpy().T
-        axes.plot(x, y / units, "o-", markersize=4, color=colour, label=label or None)
-    tidy(axes, parameter_label(curve.parameter))
-    words = _heading(curve.outcome).replace("[m³]", "[10⁶ m³]") if units > 1.0 else _heading(curve.outcome)
-    axes.set_ylabel(words, fontsize=NORMAL, color=INK, parse_math=False)
-    axes.set_ylim(0.0, 1.1 * max(float(outcomes[curve.outcome].max()) / units, 1e-6))
+def _chart(curve: Curve, outcomes: "pd.DataFrame") -> Chart:
+    """The axes of a panel."""
+    divisor, values = _divisor(curve, outcomes), outcomes[curve.parameter]
+    words = _heading(curve.outcome).replace("[m³]", "[10⁶ m³]") if divisor > 1.0 else _heading(curve.outcome)
+    margin = 0.05 * float(values.max() - values.min())
+    x = float(values.min()) - margin, float(values.max()) + margin
+    return Chart(parameter_label(curve.parameter), words, x, (0.0, 1.1 * max(float(outcomes[curve.outcome].max()) / divisor, 1e-6)))
 
 
 def _divisor(curve: Curve, outcomes: "pd.DataFrame") -> float:
     """1e6 for volumes of millions of cubic metres, else 1."""
     return 1e6 if curve.outcome.startswith(PASSED) and outcomes[curve.outcome].max() >= 1e6 else 1.0
-
-
-def _colours(lines: int) -> list[Any]:
-    """Colours of lines that differ for all readers."""
-    from matplotlib import colormaps
-
-    return list(DISTINCT[:lines]) if lines <= len(DISTINCT) else list(colormaps["viridis"](np.linspace(0.0, 0.85, lines)))
 
 
 def _heading(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Choices of the commands on slopes; each refuses values out of range."""
+"""Choices of the commands on slopes. Those that site.yaml may state are checked as the block ``stability`` is."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import ConfigError
-from runout.model.limits import MOST_SAMPLES, SOIL_RANGES, Range, checked_within, looks_like_radians, radians_remedy
+from runout.model.limits import Range, checked_within
 
 _IN_DEGREES = ("azimuth", "tilt")
 _PARTS = {
@@ -61,30 +61,6 @@ class Strength:
     sample_seed: int | None = None
     """Seed of the samples [default: 0]."""
 
-    def __post_init__(self) -> None:
-        for name in SAMPLED:
-            if getattr(self, name) is not None:
-                _check_range(name, getattr(self, name))
-        if self.soil_density is not None:
-            checked_within(SOIL_RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
-        count = self.samples
-        if count is not None and (not 1 <= count <= MOST_SAMPLES or count & (count - 1)):
-            raise ConfigError(f"--samples is {count}; it must be a power of two up to {MOST_SAMPLES}, such as 256")
-        if self.sample_seed is not None and self.sample_seed < 0:
-            raise ConfigError(f"--sample-seed is {self.sample_seed}; it must be 0 or more")
-        if self.saturation is not None and self.transmissivity_recharge is not None:
-            raise ConfigError("--transmissivity-recharge has no meaning with --saturation; leave one of the two out")
-
-
-def _check_range(name: str, interval: tuple[float, float]) -> None:
-    option, valid = "--" + name.replace("_", "-"), SOIL_RANGES[name]
-    for value in interval:
-        if valid.degrees and looks_like_radians(value):
-            raise ConfigError(f"{option} is {value:g} degrees; {radians_remedy(value)}")
-        checked_within(valid, option, value, error=ConfigError)
-    if interval[0] > interval[1]:
-        raise ConfigError(f"{option} is {interval[0]:g} {interval[1]:g}; the smaller value comes first")
-
 
 @dataclass(frozen=True)
 class PatchChoices:
@@ -98,16 +74,6 @@ class PatchChoices:
     """Least area of a release [m2] [default: 500]."""
     most: int | None = None
     """Largest number of releases, the first in rank [default: 20]."""
-
-    def __post_init__(self) -> None:
-        if self.probability is not None and not 0.0 < self.probability <= 1.0:
-            raise ConfigError(f"--probability is {self.probability:g}; it must be above 0 and at most 1")
-        for name in ("largest_drainage", "least_area"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise ConfigError(f"--{name.replace('_', '-')} is {value:g} m2; it must be above 0")
-        if self.most is not None and self.most < 1:
-            raise ConfigError(f"--most is {self.most}; at least 1 release is needed")
 
 
 Five = tuple[float, float, float, float, float]

@@ -2,14 +2,18 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from runout.config.distributions import Discrete, Distribution, Normal, Triangular, Uniform
+from runout.config.document import Document
+from runout.config.problems import problems_of
 from runout.config.stability import DEGREES, StabilitySettings
 from runout.ensemble.design import quantiles
+from runout.errors import ConfigError
 from runout.model.limits import SOIL_RANGES
 from runout.model.scene import STANDARD_GRAVITY
 from runout.scores.slope_normal import terrain_slope
@@ -112,7 +116,10 @@ def _of_cells(slope: np.ndarray, area: np.ndarray, samples: np.ndarray, soil: St
 def resolved(
     strength: Strength | None = None, choices: PatchChoices | None = None, settings: StabilitySettings | None = None
 ) -> StabilitySettings:
-    """What holds: options, else what site.yaml states, else the defaults."""
+    """What holds: options, else what site.yaml states, else the defaults.
+
+    Raises ConfigError with all options whose values site.yaml could not state.
+    """
     site = settings or StabilitySettings()
     options = vars(strength or Strength()) | vars(choices or PatchChoices())
     from_options = {_key(name): _sampled(name, value) for name, value in options.items() if value is not None}
@@ -121,7 +128,11 @@ def resolved(
         from_site.pop("saturation", None)
     elif "saturation" in from_options:
         from_site.pop("transmissivity_recharge", None)
-    return StabilitySettings(**from_site | from_options)
+    try:
+        return StabilitySettings(**from_site | from_options)
+    except ValidationError as error:
+        problems = problems_of(error, Document("options"), whole=StabilitySettings)
+        raise ConfigError([replace(one, line=None, key=_option(one.key)) for one in problems]) from error
 
 
 def _key(name: str) -> str:
@@ -129,12 +140,17 @@ def _key(name: str) -> str:
     return name + DEGREES if name == ANGLE else name
 
 
+def _option(key: str) -> str:
+    """The option that states a key of site.yaml or a part of it, such as ``cohesion.low``."""
+    return "--" + key.partition(".")[0].removesuffix(DEGREES).replace("_", "-")
+
+
 def _sampled(name: str, value: Any) -> Any:
     """A range as a distribution; one without extent is a number."""
     if name not in SAMPLED:
         return value
     low, high = value
-    return Uniform(distribution="uniform", low=low, high=high) if low < high else float(low)
+    return float(low) if low == high else {"distribution": "uniform", "low": low, "high": high}
 
 
 def values(entry: "Distribution | float", probability: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import ConfigError, InputError, StabilityError
+from runout.model.arrays import window_of
 from runout.scores.grid import Grid, resampled
 from runout.slopes.choices import MassWasting
 from runout.slopes.drainage import ELEVATION, landlab_components, nodes, on_map, raster_grid
@@ -109,12 +110,8 @@ def _placed(terrain: "Terrain", thickness: np.ndarray, parameters: MassWasting) 
 
 
 def _reached_part(terrain: "Terrain", thickness: np.ndarray, angle: float) -> "tuple[Terrain, np.ndarray]":
-    reach = reachable(terrain, thickness, angle)
-    spans = []
-    for axis in (1, 0):
-        inside = np.flatnonzero(reach.any(axis=axis))
-        spans.append(slice(max(int(inside[0]) - MARGIN, 0), min(int(inside[-1]) + 1 + MARGIN, reach.shape[1 - axis])))
-    return terrain.part(*spans), thickness[tuple(spans)]
+    window = window_of(reachable(terrain, thickness, angle), margin=(MARGIN, MARGIN))
+    return terrain.part(*window), thickness[window]
 
 
 def _reached_mass(part: "Terrain", terrain: "Terrain", thickness: np.ndarray) -> np.ndarray:

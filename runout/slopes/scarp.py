@@ -17,7 +17,7 @@ import numpy as np
 from runout import __version__, log
 from runout.config.schema import NAME
 from runout.errors import ConfigError, ExitCode, ReleaseError
-from runout.hazard.style import class_edges, qml
+from runout.hazard.style import MapClasses
 from runout.io.atomic import write_json, write_text
 from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
@@ -28,7 +28,6 @@ from runout.release.read import release_from_array
 from runout.slopes.choices import ScarpChoices, record
 from runout.slopes.place import read_place
 from runout.terrain.open_edge import filled
-from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     from runout.model.release import Release
@@ -330,8 +329,7 @@ def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
     contents = {"runout": __version__, "elevation": terrain.source, **record(choices), "volume_m3": volume}
     contents |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
     write_cog(maps, "release_thickness", file)
-    edges = class_edges("release_thickness", (), 0.0, float(stored.max()))
-    write_text(qml(edges, VARIABLES["release_thickness"].printed[0], "release_thickness"), file.with_suffix(".qml"))
+    write_text(MapClasses.over("release_thickness", [stored]).qml(), file.with_suffix(".qml"))
     write_json(contents, file.with_suffix(".json"))
     console = log.output()
     console.print(f"volume: {volume:.9g} m3", markup=False)

@@ -18,10 +18,9 @@ from runout import __version__, log
 from runout.config.stability import StabilitySettings
 from runout.errors import ExitCode
 from runout.forecast.accuracy import FEWEST_MEASURED, preset
+from runout.hazard.maps import write_own_maps
 from runout.hazard.outline_style import slope_styles
-from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_json, write_text
-from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
 from runout.io.netcdf import write as write_netcdf
 from runout.io.polygon_coverage import covered_part
@@ -42,7 +41,6 @@ from runout.slopes.infinite_slope import LARGEST_FACTOR, Stability, assumptions,
 from runout.slopes.infinite_slope import record as record_of
 from runout.slopes.place import Place, read_place
 from runout.slopes.sinks import LISTED, Sink, TerrainFigures, terrain_figures
-from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     from runout.model.terrain import Terrain
@@ -388,14 +386,7 @@ def write_maps(
     """Write maps as NetCDF, and all but the elevation as a GeoTIFF with a QGIS style each."""
     dataset = map_dataset(terrain, maps, title=title, attrs=attributes)
     write_netcdf(dataset, folder / file)
-    for name in maps:
-        if name == "elevation":
-            continue
-        known = dataset[name].values[np.isfinite(dataset[name].values)]
-        smallest, largest = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-        edges: Sequence[float] = class_edges(name, THRESHOLDS.get(name, ()), smallest, largest)
-        write_cog(dataset, name, folder / f"{name}.tif")
-        write_text(qml(edges, VARIABLES[name].printed[0], name), folder / f"{name}.qml")
+    write_own_maps(dataset, [name for name in maps if name != "elevation"], folder, THRESHOLDS)
 
 
 def slopes_page(

@@ -16,12 +16,7 @@ def elevation_at(terrain: Terrain, points: np.ndarray) -> np.ndarray:
     (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
     x, y = points[..., 0] / dx, points[..., 1] / dy
     outside = (x < 0) | (x > columns) | (y < 0) | (y > rows)
-    x, y = np.clip(x - 0.5, 0, columns - 1), np.clip(rows - 0.5 - y, 0, rows - 1)
-    column, row = np.minimum(x.astype(int), columns - 2), np.minimum(y.astype(int), rows - 2)
-    fx, fy, z = x - column, y - row, terrain.elevation
-    north = z[row, column] * (1 - fx) + z[row, column + 1] * fx
-    south = z[row + 1, column] * (1 - fx) + z[row + 1, column + 1] * fx
-    return np.where(outside, np.nan, north * (1 - fy) + south * fy)
+    return np.where(outside, np.nan, terrain.elevation_at(points))
 
 
 @dataclass(frozen=True)

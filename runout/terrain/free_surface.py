@@ -1,9 +1,11 @@
 """The free surface of a release: the natural ground, or the top of what lies on it."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from runout.model.arrays import window_of
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.terrain.open_edge import filled
@@ -47,12 +49,8 @@ def free_surface(release: Release, spacing: tuple[float, float]) -> FreeSurface:
 
 def _window(release: Release, spacing: tuple[float, float]) -> tuple[slice, slice]:
     """Rows and columns of the terrain around a release."""
-    window = []
-    for axis, size in ((0, 1), (1, 0)):
-        used = np.flatnonzero((release.thickness > 0).any(axis=1 - axis))
-        more = 3 + int(np.ceil(AROUND * spacing[size] / release.terrain.cell_size[size]))
-        window.append(slice(max(0, int(used[0]) - more), min(release.terrain.shape[axis], int(used[-1]) + 1 + more)))
-    return window[0], window[1]
+    (dx, dy), cells = release.terrain.cell_size, release.thickness > 0
+    return window_of(cells, margin=(3 + math.ceil(AROUND * spacing[1] / dy), 3 + math.ceil(AROUND * spacing[0] / dx)))
 
 
 def _slopes(thickness: np.ndarray, cell_size: tuple[float, float], spacing: tuple[float, float]) -> np.ndarray:

@@ -9,6 +9,7 @@ from runout.errors import DemError, InputError
 from runout.io import crs as coordinate_systems
 from runout.io.elevation_raster import ElevationRaster, moved
 from runout.io.units import factor_to
+from runout.model.arrays import window_of
 from runout.model.terrain import Terrain
 from runout.terrain.open_edge import filled
 from runout.terrain.source import ELEVATION, in_unit_of, north_up
@@ -47,17 +48,13 @@ def terrain(raster: ElevationRaster) -> Terrain:
 
 def trimmed(raster: ElevationRaster) -> ElevationRaster:
     """The raster without the rows and columns at its rim in which no cell has an elevation: mass that gets there leaves it."""
-    known = np.isfinite(raster.values)
-    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if not rows.size:
-        return raster
-    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    values = raster.values[window]
+    rows, columns = window_of(np.isfinite(raster.values))
+    values = raster.values[rows, columns]
     less = [before - after for before, after in zip(raster.values.shape, values.shape, strict=True)]
     if not any(less):
         return raster
     sentence = f"the rim has no elevation; cut off by {less[0]} rows, {less[1]} columns"
-    return raster.changed(sentence, values=values, transform=moved(raster.transform, int(rows[0]), int(columns[0])))
+    return raster.changed(sentence, values=values, transform=moved(raster.transform, rows.start, columns.start))
 
 
 def known_or_nan(values: np.ndarray, source: str, largest: float = LARGEST_NUMBER) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -14,7 +14,6 @@ from runout.calibration.observed_scalars import Measure, ObservedScalar, Scalars
 from runout.calibration.posterior import GridError, Likelihood, grid_error, sampled_posterior
 from runout.calibration.prior import Prior
 from runout.config.member_arguments import grid_spacing
-from runout.config.overrides import with_cell_size
 from runout.config.stated_at import stated_place
 from runout.ensemble.design import Design, member_seed
 from runout.ensemble.member import Member, plan_members
@@ -297,7 +296,7 @@ def grid_error_of(
     order = np.argsort(-likelihood.log_density(event.points.clip(1e-6, 1.0 - 1e-6)))[:count]
     chosen = [event.members[k] for k in order]
     spacing = grid_spacing(event.site.settings, event.site.masses())
-    halved = with_cell_size(event.site.settings.simulation, [0.5 * size for size in spacing])
+    halved = event.site.settings.simulation.with_cell_size([0.5 * size for size in spacing])
     site = event.site.with_settings(simulation=halved)
     design = Design({n: [m.parameters[n] for m in chosen] for n in event.prior.names}, [m.seed for m in chosen])
     LOGGER.info("%d members on cells of half the size", len(chosen))

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 from runout import log
 from runout.errors import ExitCode
-from runout.variables import PRINTED, VARIABLES
+from runout.variables import PRINTED
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from runout.scores.assessment import Assessment
     from runout.scores.comparison import Choices, Comparison
     from runout.scores.definitions import Score
@@ -116,8 +114,7 @@ def write(comparison: "Comparison", out: Path) -> list[Path]:
 
 def write_differences(comparison: "Comparison", folder: Path) -> list[Path]:
     """Paths of a GeoTIFF and a QGIS style for every quantity that both products have, after writing them."""
-    from runout.io.atomic import write_text
-    from runout.io.geotiff import write_cog
+    from runout.hazard.maps import write_own_maps
     from runout.io.netcdf import map_dataset
     from runout.scores.flow import DIFFERENCES
 
@@ -125,23 +122,7 @@ def write_differences(comparison: "Comparison", folder: Path) -> list[Path]:
     if not maps:
         return []
     dataset = map_dataset(comparison.grid.terrain(), maps, title=f"{comparison.a.path.name} minus {comparison.b.path.name}")
-    paths = []
-    for name in maps:
-        paths.append(write_cog(dataset, name, folder / f"{name}.tif"))
-        paths.append(write_text(difference_style(dataset[name].values, name), folder / f"{name}.qml"))
-    return paths
-
-
-def difference_style(values: "np.ndarray", name: str) -> str:
-    """QGIS style of a signed map, symmetric about 0."""
-    import numpy as np
-
-    from runout.hazard.style import class_edges, qml
-
-    units, divisor = VARIABLES[name].printed
-    known = values[np.isfinite(values)] / divisor
-    smallest, largest = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    return qml(class_edges(name, [], smallest, largest), units, name)
+    return write_own_maps(dataset, maps, folder)
 
 
 def members_csv(members: "Sequence[Member]") -> str:

@@ -7,7 +7,7 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from runout import log
 from runout.config.hazard import require_outlines, written_alone
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
-    from runout.report.stills import Stills
 
 LOGGER = logging.getLogger("runout.hazard_map")
 OF_PRODUCTS = (
@@ -351,7 +350,7 @@ def make_report(study: Study) -> Iterable[Path]:
     return [write_report(study.site, study.results, _stills(study))]
 
 
-def _stills(study: Study) -> "Callable[[pd.DataFrame], Stills] | None":
+def _stills(study: Study) -> "Callable[[pd.DataFrame], dict[str, Any]] | None":
     """What draws members in three dimensions; None unless site.yaml asks for it."""
     stated = study.site.settings.report
     if stated is None or stated.stills == "none":

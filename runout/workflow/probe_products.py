@@ -67,7 +67,7 @@ def write_profiles(
     ``members``: profile of the member that the figure of each profile of an ensemble shows.
     """
     from runout.hazard.profiles import profile_table
-    from runout.report.profile_figures import profile_figure
+    from runout.report.probe_figures import profile_figure
 
     written = []
     labels = file_names([one.attrs["line"] for one in datasets])
@@ -120,17 +120,7 @@ def _of_stem(folder: Path, stem: str) -> Iterator[Path]:
 
 def attributes_of(site: "Site", inputs: Sequence[Path] = ()) -> dict[str, Any]:
     """Global attributes of the files: extent, origin, inputs with checksums, versions, command."""
-    from runout.io.provenance import provenance
-
-    origin = provenance(
-        name=site.name,
-        folder=site.folder,
-        inputs=[*site.inputs(), *inputs],
-        sha256=site.files.known.sha256,
-        configuration=site.resolved(),
-        seed=site.settings.ensemble.seed,
-        device=site.settings.simulation.device,
-    )
+    origin = site.provenance([*site.inputs(), *inputs], site.settings.ensemble.seed)
     listed = {name: json.dumps(origin[name]) for name in ("inputs", "configuration", "versions")}
     plain = {name: origin[name] for name in ("site", "device", "command", "configuration_sha256", "seed")}
     history = f"{origin['created']} {origin['command']} (runout {origin['runout']})"

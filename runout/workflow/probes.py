@@ -1,4 +1,4 @@
-"""Series at probes of one member or of the ensemble; members without them are run."""
+"""Series at probes and profiles along lines, of one member or of the ensemble; members without series at the probes are run."""
 
 import logging
 from collections.abc import Sequence
@@ -6,17 +6,34 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from runout import log
 from runout.errors import ConfigError
 from runout.io.probe_files import SITE_FILES, SITE_STEM
 from runout.processes.interrupt import at_end
 from runout.processes.lifetime import end_workers
-from runout.workflow.probe_products import PICTURES, PROBES, attributes_of, remove_others, write_pictures, write_series
+from runout.workflow.probe_products import (
+    PICTURES,
+    PROBES,
+    PROFILES,
+    attributes_of,
+    remove_others,
+    write_pictures,
+    write_profiles,
+    write_series,
+)
+from runout.workflow.single_member import chosen_member
 from runout.workflow.study import PLAN, Study
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import xarray as xr
+
     from runout.config.site import Site
     from runout.hazard.members import Ensemble
+    from runout.model.probes import CrossSection
 
 OF_SITE, OF_ENSEMBLE = SITE_STEM.split("_")  # beginnings of the names of files
 HAZARD = next(stage for stage in PLAN if stage.name == "hazard")  # writes the percentiles at the probes of site.yaml
@@ -56,8 +73,13 @@ class ProbeChoices:
             raise ConfigError(f"--members is {self.members!r}; write all, or --member N for one")
         if self.members and self.member is not None:
             raise ConfigError(f"--member {self.member} and --members all are both given; remove one of them")
-        if self.picture not in PICTURES:
-            raise ConfigError(f"--picture is {self.picture!r}; choose one of {', '.join(PICTURES)}")
+        require_picture(self.picture)
+
+
+def require_picture(picture: str) -> None:
+    """Raise ConfigError for a format of figures that there is not."""
+    if picture not in PICTURES:
+        raise ConfigError(f"--picture is {picture!r}; choose one of {', '.join(PICTURES)}")
 
 
 def run(site_path: Path | str, out: Path | None, choices: ProbeChoices, **how: Any) -> list[Path]:
@@ -121,14 +143,9 @@ def with_probes(study: Study, choices: ProbeChoices) -> Study:
 
 def member_of(site: "Site", choices: ProbeChoices) -> int | None:
     """Number of the member that is asked for; None for the ensemble."""
-    from runout.ensemble.member import plan_members
-
     if choices.members or (choices.member is None and not choices.has_files):
         return None
-    number, count = choices.member or 0, len(plan_members(site))
-    if not 0 <= number < count:
-        raise ConfigError(f"member is {number}; the site has members 0 to {count - 1}, see `runout status`")
-    return number
+    return chosen_member(site, choices.member or 0).number
 
 
 def run_missing(study: Study) -> None:
@@ -198,3 +215,76 @@ def write_of_site(study: Study) -> Sequence[Path]:
         remove_others(study.results / PROBES, SITE_STEM)
         return ()
     return write_products(study.site, study.results, finished(study), SITE_STEM, None)
+
+
+def run_profiles(
+    site_path: Path | str,
+    out: Path | None,
+    line: Path,
+    *,
+    layer: str | None = None,
+    member: int | None = None,
+    picture: str = "png",
+) -> list[Path]:
+    """Write profiles of a site to ``results/profiles``; returns the paths.
+
+    Parameters
+    ----------
+    site_path, out : Path or str
+        Site folder or its site.yaml; results folder.
+    line : Path
+        Vector file of one or several lines.
+    layer : str or None
+        Its layer.
+    member : int or None
+        Number of a member; None for the percentiles over all members that are done.
+    picture : str
+        "png" or "svg".
+
+    Raises
+    ------
+    ConfigError, PartialEnsembleError, StorageError
+        If a line cannot be used (all problems at once), no member is done, or a file cannot be read or written.
+    """
+    from runout.hazard.profiles import ensemble_profiles, member_profiles
+    from runout.io.probe_layers import read_lines
+
+    require_picture(picture)
+    study = Study.open(site_path, out)
+    number = None if member is None else member_of(study.site, ProbeChoices(member=member))
+    lines, changes = read_lines(line, study.terrain, layer)
+    for change in changes:
+        LOGGER.warning("%s", change)
+    study = replace(study, part=None if number is None else range(number, number + 1))
+    ensemble = finished(study)
+    files = list(ensemble.files.values())
+    excavated = excavation(study.site, study.standings[0].member.parameters if number is not None else {})
+    shown = None
+    if number is None:
+        datasets, of = ensemble_profiles(files, ensemble.weights, lines, study.terrain, excavated), ensemble.statement()
+        shown = [_shown_member(study, ensemble.files, one, line) for one, line in zip(datasets, lines, strict=True)]
+    else:
+        datasets, of = member_profiles(files[0], lines, study.terrain, excavated), f"member {number}"
+    attributes = attributes_of(study.site, [line]) | {"ensemble": of}
+    label = "ensemble" if number is None else f"member_{number:04d}"
+    folder, title = study.results / PROFILES, f"{study.site.name}, {of.partition(';')[0]}"
+    paths = write_profiles(datasets, folder, f"{line.stem}_{label}", attributes, title, picture, shown)
+    LOGGER.info("wrote %d files: %s*", len(paths), folder / f"{line.stem}_{label}")
+    return paths
+
+
+def _shown_member(study: Study, files: "Mapping[int, Path]", dataset: "xr.Dataset", line: "CrossSection") -> "xr.Dataset":
+    """Profile of the member whose front along a line is the median; its number replaces its position in the dataset."""
+    from runout.hazard.profiles import member_profiles
+
+    number, path = list(files.items())[dataset.attrs["median_front"]]
+    dataset.attrs["median_front"] = number
+    parameters = next(one.member.parameters for one in study.standings if one.member.number == number)
+    (profile,) = member_profiles(path, [line], study.terrain, excavation(study.site, parameters))
+    return profile
+
+
+def excavation(site: "Site", sample: dict[str, float]) -> np.ndarray:
+    """Depth [m] (rows, columns) of what the releases of a member take away from the ground."""
+    terrain = site.terrain()
+    return np.sum([np.zeros(terrain.shape), *(release.excavation for release in site.releases(sample=sample))], axis=0)  # type: ignore[no-any-return]

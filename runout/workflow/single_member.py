@@ -53,7 +53,6 @@ def run(
         does not exist.
     """
     from runout.config.member_arguments import even_times
-    from runout.config.overrides import with_cell_size
     from runout.ensemble.work_log import log_work
     from runout.io.atomic import whole_file
     from runout.simulation.single import simulate
@@ -61,7 +60,7 @@ def run(
     study = Study.open(site_path, out, device=device)
     site, overrides = study.site, {} if cell_size is None else {"cell_size": list(cell_size)}
     if cell_size is not None:
-        site = site.with_settings(simulation=with_cell_size(site.settings.simulation, cell_size))
+        site = site.with_settings(simulation=site.settings.simulation.with_cell_size(cell_size))
     chosen = chosen_member(site, member)
     if snapshots < 0:
         raise ConfigError(f"snapshots is {snapshots}; it must be 0 or more")
@@ -104,17 +103,7 @@ def _suffix(overrides: dict[str, list[float]]) -> str:
 
 def _attributes(site: "Site", member: "Member", overrides: dict[str, list[float]]) -> dict[str, Any]:
     """Provenance of the file; one with settings of the command line says so."""
-    from runout.io.provenance import provenance
-
-    origin = provenance(
-        name=site.name,
-        folder=site.folder,
-        inputs=site.inputs(),
-        sha256=site.files.known.sha256,
-        configuration=site.resolved(),
-        seed=member.seed,
-        device=site.settings.simulation.device,
-    )
+    origin = site.provenance(site.inputs(), member.seed)
     attributes: dict[str, Any] = {"member": member.number, "parameters": json.dumps(member.parameters), "seed": member.seed}
     attributes |= {name: json.dumps(origin[name]) for name in ("inputs", "configuration", "versions")}
     attributes |= {name: origin[name] for name in ("site", "device", "command", "configuration_sha256")}

@@ -2,10 +2,11 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import RenderError
-from runout.report.stills import Stills
+from runout.report.relief import address
 from runout.view import process
 from runout.view.camera import best_direction
 from runout.view.film import maximum_scene, paletted
@@ -20,13 +21,14 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("runout.stills")
 SIZE = (960, 540)  # [pixel]
+QUALITY = 82  # of WebP, which is a fraction of the size of a PNG
 CAPTION = "maximum over the whole run"
 ON_GROUND = "; flow on or under structures is drawn on the ground"
 REPEAT = "`runout report --force` tries again"
 
 
-def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> Stills:
-    """Pictures of the maximum thickness of members.
+def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> dict[str, Any]:
+    """Content of the section of the report: pictures of the maximum thickness of members, or why some are missing.
 
     Parameters
     ----------
@@ -36,23 +38,30 @@ def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> Stills:
     chosen : str
         "worst" (the longest runout; of equal ones the first) or "all".
     """
+    content: dict[str, Any] = {"pictures": [], "drawn_by": "", "failure": ""}
     if not len(valid):
-        return Stills()
+        return content
     numbers = [int(valid["runout_distance"].idxmax())] if chosen == "worst" else [int(n) for n in valid.index]
-    pictures: list[tuple[str, bytes]] = []
-    drawn_by = ""
     try:
         process.require_packages()
         scenes = {number: _scene(study, number, str(valid["file"][number])) for number in numbers}
         look = common_look(scenes[int(valid["runout_distance"][numbers].idxmax())], list(scenes.values()))
         for number, scene in scenes.items():
-            picture, drawn_by = draw(scene, look)
+            picture, content["drawn_by"] = draw(scene, look)
             distance = f"runout {valid['runout_distance'][number]:.0f} m"
-            pictures.append((f"Member {number}, {distance}" + (", the longest" if chosen == "worst" else ""), picture))
+            title = f"Member {number}, {distance}" + (", the longest" if chosen == "worst" else "")
+            content["pictures"].append({"title": title, "image": _embedded(picture)})
     except RenderError as error:
         LOGGER.warning("report: %s", error)
-        return Stills(tuple(pictures), drawn_by, f"{error}; {REPEAT}")
-    return Stills(tuple(pictures), drawn_by)
+        content["failure"] = f"{error}; {REPEAT}"
+    return content
+
+
+def _embedded(png: bytes) -> str:
+    """A PNG as the address of a WebP inside a page."""
+    from PIL import Image
+
+    return address(Image.open(BytesIO(png)).convert("RGB"), "webp", quality=QUALITY)
 
 
 def common_look(longest: "FlowScene", scenes: "Sequence[FlowScene]") -> dict[str, Any]:

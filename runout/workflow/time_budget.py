@@ -202,13 +202,11 @@ class TimeBudget:
 
     def changed(self, size: tuple[float, float, float], members: int) -> "Site":
         """The site with other cells and another number of members."""
-        from runout.config.overrides import with_cell_size
-
         ensemble = self.site.settings.ensemble
         if self._sampled:
             ensemble = ensemble.model_copy(update={"members": members, "tolerance": None})
         cells = size if len(set(size)) > 1 else size[:1]
-        return self.site.with_settings(simulation=with_cell_size(self.site.settings.simulation, cells), ensemble=ensemble)
+        return self.site.with_settings(simulation=self.site.settings.simulation.with_cell_size(cells), ensemble=ensemble)
 
     def numerical_error(self, size: tuple[float, float, float], through: float) -> float:
         """Error bar of the run-out by the grid [1]: measured on this site, else expected of its cells."""

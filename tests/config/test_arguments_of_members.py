@@ -11,7 +11,6 @@ import shapely
 
 from runout import Coulomb, VelocityWeakening
 from runout.config.member_arguments import even_times
-from runout.config.overrides import on_device, with_cell_size
 from runout.config.probes import probe_settings
 from runout.config.site import read_site
 from runout.errors import ConfigError, DeviceError, ReleaseError, StructureError
@@ -101,15 +100,15 @@ def test_own_friction_of_a_release_that_means_nothing_is_refused(edited, block, 
 def test_the_command_line_may_state_another_device(site_folder, monkeypatch):
     simulation = read_site(site_folder).settings.simulation
     gpu = simulation.model_copy(update={"device": "cuda:0", "backend": "hash"})
-    assert (on_device(gpu, "cpu").device, on_device(gpu, "cpu").backend) == ("cpu", "scan")
+    assert (gpu.on_device("cpu").device, gpu.on_device("cpu").backend) == ("cpu", "scan")
     reference = simulation.model_copy(update={"backend": "reference"})
-    assert on_device(reference, "cpu").backend == "reference"
+    assert reference.on_device("cpu").backend == "reference"
     devices = {"cuda": "cuda:0", "auto": "cuda:0", "cuda:1": "cuda:1"}
     monkeypatch.setattr("runout.backends.protocol.find_device", devices.__getitem__)
     for device, place in (("cuda", "cuda"), ("auto", "cuda"), ("cuda:1", "cuda:1")):
-        assert (on_device(simulation, device).device, on_device(simulation, device).backend) == (place, "hash")
+        assert (simulation.on_device(device).device, simulation.on_device(device).backend) == (place, "hash")
     monkeypatch.setattr("runout.backends.protocol.find_device", lambda device: "cpu")
-    assert (on_device(simulation, "auto").device, on_device(simulation, "auto").backend) == ("cpu", "scan")
+    assert (simulation.on_device("auto").device, simulation.on_device("auto").backend) == ("cpu", "scan")
     monkeypatch.undo()
     with pytest.raises(DeviceError):
         read_site(site_folder).on_device("cuda:77")
@@ -118,10 +117,10 @@ def test_the_command_line_may_state_another_device(site_folder, monkeypatch):
 
 def test_the_command_line_may_state_another_cell_size(site_folder):
     site = read_site(site_folder)
-    assert with_cell_size(site.settings.simulation, [4.0]).cell_size == 4.0
-    assert with_cell_size(site.settings.simulation, (4.0, 5.0, 3.0)).cell_size == [4.0, 5.0, 3.0]
+    assert site.settings.simulation.with_cell_size([4.0]).cell_size == 4.0
+    assert site.settings.simulation.with_cell_size((4.0, 5.0, 3.0)).cell_size == [4.0, 5.0, 3.0]
     with pytest.raises(ConfigError, match="cell_size"):
-        with_cell_size(site.settings.simulation, [-4.0])
+        site.settings.simulation.with_cell_size([-4.0])
 
 
 def test_settings_of_probes_from_the_command_line_name_files_relative_to_the_site(tmp_path):

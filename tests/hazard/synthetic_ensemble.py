@@ -10,6 +10,7 @@ import pandas as pd
 import pyproj
 import shapely
 
+from runout.config.site import Site
 from runout.config.stated_at import Reading
 from runout.io import netcdf
 from runout.io.atomic import write_json
@@ -135,6 +136,8 @@ class FakeSite:
             paths=lambda *_: [self.folder / "inputs" / "dem.tif"],
             known=SimpleNamespace(sha256=sha256),
         )
+
+    provenance = Site.provenance
 
     def resolved(self) -> dict:
         """A plain configuration."""

@@ -10,9 +10,17 @@ import xarray as xr
 from synthetic_ensemble import CELL, SHAPE, FakeSite, make_table, make_terrain, member_maps
 
 from runout.errors import StorageError
-from runout.hazard.facades import FacadeRecords, facade_dataset, maxima_of, overtopping, write_facades
 from runout.hazard.members import Ensemble
-from runout.hazard.structure_products import StructureProducts, _layers, write_structures
+from runout.hazard.structure_products import (
+    FacadeRecords,
+    StructureProducts,
+    _layers,
+    facade_dataset,
+    maxima_of,
+    overtopping,
+    write_facades,
+    write_structures,
+)
 from runout.io import netcdf
 from runout.simulation.structure_forces import AXES, GROUP, SERIES
 from runout.structures.solid import Solid

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from shapely import contains_xy
 
-from runout.hazard.style import class_edges, qml
+from runout.hazard.style import MapClasses, class_edges
 from runout.io.vector import PROBABILITY_LEVELS, outline, reaches
 from runout.model.terrain import Terrain
 
 
 def items(name: str, edges: list[float], unit: str = "m") -> list[dict[str, str]]:
     """Attributes of the classes of a style."""
-    return [item.attrib for item in ElementTree.fromstring(qml(edges, unit, name).split("\n", 1)[1]).iter("item")]
+    return [item.attrib for item in ElementTree.fromstring(MapClasses.of(edges, unit, name).qml().split("\n", 1)[1]).iter("item")]
 
 
 def classes_of(values: np.ndarray, classes: list[dict[str, str]]) -> np.ndarray:

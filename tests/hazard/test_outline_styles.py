@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from runout.hazard.outline_style import arrival_style, outline_styles, screen_styles, slope_styles
-from runout.hazard.style import below, class_edges, qml
+from runout.hazard.style import MapClasses, below, class_edges
 from runout.hazard.writers.qgis_project import OUTLINES
 from runout.palettes import PROBABILITY_LEVELS, Palette, palette_of
 
@@ -140,7 +140,7 @@ def test_an_edge_in_single_precision_belongs_to_the_class_above():
     ],
 )
 def test_each_kind_of_map_has_its_colours_and_range(name, ramp, kind):
-    style = read(qml([0.0, 1.0, 5.0], "m", name))
+    style = read(MapClasses.of([0.0, 1.0, 5.0], "m", name).qml())
     shader, renderer = next(style.iter("colorrampshader")), next(style.iter("rasterrenderer"))
     assert shader.get("colorRampType") == kind
     shown = [item.get("color") for item in shader.iter("item") if item.get("alpha") == "255"]

@@ -14,7 +14,7 @@ import xarray as xr
 from browser import READY, Page
 
 from runout.errors import InputError
-from runout.report import explorer_members
+from runout.report import explorer as explorer_module
 from runout.report.explorer import explorer
 from runout.report.explorer_layers import Grid, families, round_step, step_of
 from runout.report.marks import Mark
@@ -170,10 +170,10 @@ def test_map_of_500_members_stays_small_and_states_its_cells(study, site, monkey
         rows, columns = grid.shape
         reached = (np.abs(np.arange(columns) / columns - 0.5) < 0.2)[None, :] & (np.arange(rows) / rows > 0.3)[:, None]
         field = random.gamma(2.0, 3.0, (len(numbers), rows, columns)).astype(np.float32)
-        return {name: np.where(reached, field, 0.0) for name in explorer_members.SHOWN if name in stack.maps}
+        return {name: np.where(reached, field, 0.0) for name in explorer_module.SHOWN if name in stack.maps}
 
     members = study.members.loc[[0] * 500].reset_index(drop=True)
-    monkeypatch.setattr(explorer_members, "stacked", stacked)
+    monkeypatch.setattr(explorer_module, "stacked", stacked)
     made = explorer(replace(study, members=members), site.resolved())
     assert len(made.head) + len(made.body) < 4e6
     content = content_of(made)

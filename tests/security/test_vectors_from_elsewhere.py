@@ -29,7 +29,7 @@ OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/hazard/merging.py",
     "runout/hazard/writers/qgis_project.py",
     "runout/hazard/writers/virtual_globe.py",
-    "runout/hazard/facades.py",
+    "runout/hazard/structure_products.py",
     "runout/hazard/probe_series.py",
     "runout/view/film.py",
     "runout/ensemble/member.py",

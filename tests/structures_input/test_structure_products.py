@@ -12,7 +12,7 @@ import shapely
 sys.path.append(str(Path(__file__).parents[1] / "workflow"))
 from ramp_site import COLUMNS, NORTH, ROWS, SITE, WEST, write_site
 
-from runout.hazard.facades import maxima_of
+from runout.hazard.structure_products import maxima_of
 from runout.io import netcdf
 from runout.simulation.structure_forces import StructureForces, facade_series
 from runout.structures.build import build_structures

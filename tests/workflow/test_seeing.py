@@ -151,9 +151,9 @@ def test_stills_show_the_longest_runout_or_every_member_alike(finished_site, mon
     longest = valid["runout_distance"].idxmax()
     worst, every = (member_stills(study, valid, chosen) for chosen in ("worst", "all"))
     distance = valid["runout_distance"].max()
-    assert [title for title, _ in worst.pictures] == [f"Member {longest}, runout {distance:.0f} m, the longest"]
-    assert (len(every.pictures), every.drawn_by, every.failure) == (4, "a pencil", "")
-    assert every.pictures[0][1].startswith(b"\x89PNG")
+    assert [still["title"] for still in worst["pictures"]] == [f"Member {longest}, runout {distance:.0f} m, the longest"]
+    assert (len(every["pictures"]), every["drawn_by"], every["failure"]) == (4, "a pencil", "")
+    assert every["pictures"][0]["image"].startswith("data:image/webp;base64,")
     assert len({str(look) for _, look in looks[1:]}) == 1  # same colours and direction
     assert looks[0][0].thickness.max() > 5
     assert looks[0][0].thickness.shape[0] == 1

@@ -17,6 +17,7 @@ from runout.hazard.maps import classes_of, headline
 from runout.hazard.style import MapClasses
 from runout.hazard.writers import Products
 from runout.io.geotiff import raster_crs, raster_transform
+from runout.model.arrays import window_of
 from runout.palettes import OBSERVED, RELEASE
 from runout.variables import VARIABLES
 
@@ -69,7 +70,7 @@ def overlay(hazard: "xr.Dataset", name: str, classes: MapClasses) -> tuple[np.nd
     from rasterio.warp import Resampling, calculate_default_transform, reproject
 
     painted = classes.painted(hazard[name].values / VARIABLES[name].printed[1])
-    rows, columns = (_span(np.asarray(painted[..., 3].any(axis=axis))) for axis in (1, 0))
+    rows, columns = window_of(painted[..., 3], margin=(1, 1))
     painted = painted[rows, columns]
     source = {"src_crs": raster_crs(hazard), "src_transform": raster_transform(hazard.isel(y=rows, x=columns))}
     height, width = painted.shape[:2]
@@ -81,12 +82,6 @@ def overlay(hazard: "xr.Dataset", name: str, classes: MapClasses) -> tuple[np.nd
     target = {"dst_crs": GLOBE, "dst_transform": transform, "resampling": Resampling.nearest}
     reproject(np.ascontiguousarray(np.moveaxis(painted, 2, 0)), bands, **source, **target)
     return np.moveaxis(bands, 0, 2), array_bounds(high, wide, transform)
-
-
-def _span(used: np.ndarray) -> slice:
-    """Places from one before the first to one after the last that is used; all if none is."""
-    places = np.flatnonzero(used)
-    return slice(max(0, int(places[0]) - 1), int(places[-1]) + 2) if places.size else slice(0, used.size)
 
 
 def _folders(path: Path) -> Iterator[dict[str, Any]]:
