@@ -34,7 +34,7 @@ OPTIONS_WITHOUT_TEST = {
     "scarp": "azimuth outline volume",
     "screen": "erosion-coefficient erodible-thickness grain-diameter",
     "bench": "full device precision",
-    "verify": "full device",
+    "verify": "full precision settled device",
     "stress": "full device",
 }  # fmt: skip
 KEYS_WITHOUT_TEST = {"probes.cross_sections_layer", "stability.sample_seed", "stability.largest_drainage"}

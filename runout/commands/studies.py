@@ -42,6 +42,11 @@ def verify(
         Parameter(consume_multiple=(0, 1), negative="", help="Write JSON to this file, or print it when none is named."),
         Written(),
     ] = None,
+    slope: Annotated[float | None, Parameter(help="Slope of the sliding box's plane [deg].")] = None,
+    azimuth: Annotated[float | None, Parameter(help="Azimuth of that plane, from east to north [deg].")] = None,
+    offset: Annotated[float | None, Parameter(help="Height of that plane above a node [cells].")] = None,
+    precision: Annotated[str | None, Parameter(help="float32 or float64, of the sliding box.")] = None,
+    settled: Annotated[bool | None, Parameter(help="Whether the sliding box starts from balanced stresses.")] = None,
     convergence: Annotated[bool, Parameter(negative="", help="Of a site instead: the numerical error of its maps.")] = False,
     second_grid: Annotated[
         bool, Parameter(negative="", help="Of a site instead: maps of the numerical error, from all members on coarser cells.")
@@ -60,7 +65,8 @@ def verify(
         return _of_site(cases, session.out, device, second_grid)
     from runout.studies.verification import command
 
-    return command(cases, full, session.out, json)
+    plane = {"slope": slope, "azimuth": azimuth, "offset": offset, "precision": precision, "settled": settled}
+    return command(cases, full, session.out, json, {name: value for name, value in plane.items() if value is not None})
 
 
 def _of_site(sites: Sequence[str], out: Path | None, device: str | None, second_grid: bool) -> int:

@@ -125,6 +125,16 @@ def test_a_run_broken_off_is_not_mixed_with_other_code_or_sizes(measured, tmp_pa
     assert sorted(measured[2:]) == ["A1", "A2"]
 
 
+def test_command_prints_the_errors_of_a_plane_of_the_readers_choice(capsys):
+    assert main(["-q", "verify", "sliding-box", "--slope", "27", "--azimuth", "63", "--offset", "0.37", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["relative_displacement_error"]) < 0.02
+    assert abs(found["residual_speed"]) < 0.01
+    assert abs(found["mean_gap"]) < 0.25
+    assert (found["setup"]["slope_deg"], found["setup"]["azimuth_deg"], found["setup"]["offset"]) == (27.0, 63.0, 0.37)
+    assert found["seconds"] > 0
+
+
 def test_command_fails_when_a_case_does_not_hold(monkeypatch):
     monkeypatch.setitem(verification.CASES, "u1", Case("U1", "weights", "", lambda full: [BAD]))
     assert main(["-q", "verify", "U1"]) == 1
@@ -132,7 +142,7 @@ def test_command_fails_when_a_case_does_not_hold(monkeypatch):
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [("U99", "no case 'U99'; choose among U1"), ("U1 --slope 3", "slope")],
+    [("U99", "no case 'U99'; choose among U1"), ("U1 --slope 3", "slope"), ("sliding-box --slope 70", "slope is 70 deg")],
 )
 def test_command_refuses_what_it_cannot_run(words, message, capsys):
     assert main(["verify", *words.split()]) == 2

@@ -7,6 +7,7 @@ degrees, and 16 degrees without coupling (Poisson's ratio 0) and with two moduli
 import numpy as np
 import pytest
 
+from runout.errors import ConfigError
 from runout.studies.verification_cases.sliding_box import Plane, slide, summary
 
 
@@ -56,3 +57,11 @@ def test_box_without_friction_falls_behind_nothing():
     found = slide(Plane(20.0, friction=0.0), time=0.2)
     assert found.moved == pytest.approx(0.5 * 9.81 * np.sin(np.radians(20.0)) * 0.2**2, rel=0.02)
     assert found.moved > 2 * slide(Plane(20.0), time=0.2).moved
+
+
+@pytest.mark.parametrize(
+    ("choice", "words"), [({"slope_deg": 70.0}, "slope is 70 deg"), ({"slope_deg": 20.0, "offset": 1.5}, "offset")]
+)
+def test_plane_out_of_range_is_refused_with_its_range(choice, words):
+    with pytest.raises(ConfigError, match=words):
+        Plane(**choice)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from runout.backends.protocol import Backend
+from runout.errors import ConfigError
 from runout.materials.elastic import Elastic
 from runout.model.materials import Material
 from runout.model.particles import Particles
@@ -52,6 +53,14 @@ class Plane:
     settled: bool = True
     per_axis: int = 2
     body: Elastic = BOX
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("slope", 0.0, 60.0), ("azimuth", -360.0, 360.0)):
+            value = getattr(self, f"{name}_deg")
+            if not low <= value <= high:
+                raise ConfigError(f"{name} is {value:g} deg; it must lie between {low:g} and {high:g} deg")
+        if not 0.0 <= self.offset <= 1.0:
+            raise ConfigError(f"offset is {self.offset:g} cells; it must lie between 0 and 1")
 
 
 @dataclass(frozen=True)
