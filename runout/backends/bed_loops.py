@@ -1,8 +1,8 @@
 """Loops over the nodes of the plan: they make the ground, erode a bed under the columns of the flow and give birth.
 
-Erosion is one pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what is
-eroded.
-The binding compiles them and puts the laws of the scene in the place of ``rate`` and ``friction_stress``.
+Erosion has two passes. The first, which knows no law, takes speed and stresses of the columns and the slope of the ground; the
+second takes the bed that is left, the rate, and what is eroded. The binding compiles them and puts the laws of the scene in the
+place of ``rate`` and ``friction_stress``.
 """
 
 import math
@@ -211,7 +211,7 @@ def _note_slopes(level: Any, spacing: Any, east: Any, north: Any):
 
 
 def _note_base(flow: Any, a: int, b: int, area: float, g: Any, covered: Any, rows: Any):
-    """Under the columns of nodes from (a, b) on: ``rows`` (5, n) get speed, driving stress, n_z, thickness across, normal stress.
+    """Under the columns of nodes from (a, b) on: ``rows`` get speed, driving stress, n_z, thickness across, normal stress.
 
     They hold the slopes east and north in the second and the third.
     """
@@ -398,34 +398,50 @@ def resample_windows(lattice: Any, first: Any, windows: Any, values: Any):
         _resample(lattice, begin, line, along, bends, values[west:east, south:north])
 
 
-def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, reached: Any):
-    """Add what a flow erodes in a time ``lasting`` [s] to the depths eroded and owed, at the nodes of the bed that it covers.
+def note_bases(flow: Any, ground: Any, base: Any):
+    """Note what the laws read under the columns of nodes of the bed; of use where a column has mass.
 
     Parameters
     ----------
     flow : Flow
     ground : Ground
+    base : ndarray (n, 6, m)
+        For each row of nodes speed [m/s], driving stress [Pa], n_z, thickness across [m], normal stress [Pa] and the share of its
+        ground that a column covers [1].
+    """
+    begin, spacing, gravity = flow.begin, ground.spacing, ground.gravity
+    g, area = vec(gravity[0], gravity[1], gravity[2]), spacing[0] * spacing[1]
+    for k in prange(len(base)):
+        a, b, i, j = begin[0] + k, begin[1], begin[2] + k, begin[3]
+        rows, level = base[k], np.empty((3, base.shape[2] + 2))
+        for n in range(3):
+            _levels(ground, i + n - 1, j, begin, level[n])
+        _note_slopes(level, spacing, rows[1], rows[2])
+        _note_covered(flow.sums[4], a, b, rows[5])
+        _note_base(flow.sums, a, b, area, g, rows[5], rows)
+
+
+def erode_nodes(flow: Any, base: Any, laws: Any, depths: Any, lasting: float, reached: Any):
+    """Add what a flow erodes in a time ``lasting`` [s] to the depths eroded and owed, at the nodes of the bed that it covers.
+
+    Parameters
+    ----------
+    flow : Flow
+    base : ndarray (n, 6, m)
+        As of :func:`note_bases`.
     laws : Laws
     depths : Depths
         ``eroded`` and ``owed`` grow.
     reached : Reached
         Filled.
     """
-    begin, spacing, gravity = flow.begin, ground.spacing, ground.gravity
+    begin, mass = flow.begin, flow.sums[4]
     eroded, owed = depths.eroded, depths.owed  # a parallel loop writes into arrays that have a name, not into those of a record
     fastest, nodes = reached.fastest, reached.nodes
-    g, area = vec(gravity[0], gravity[1], gravity[2]), spacing[0] * spacing[1]
-    mass, many = flow.sums[4], begin[6]
     for k in prange(len(fastest)):
-        a, b, i, j = begin[0] + k, begin[1], begin[2] + k, begin[3]
+        a, b, i, j, rows = begin[0] + k, begin[1], begin[2] + k, begin[3], base[k]
         largest, first, last = 0.0, eroded.shape[1], 0
-        level, rows, covered = np.empty((3, many + 2)), np.empty((5, many)), np.empty(many)
-        for n in range(3):
-            _levels(ground, i + n - 1, j, begin, level[n])
-        _note_slopes(level, spacing, rows[1], rows[2])
-        _note_covered(mass, a, b, covered)
-        _note_base(flow.sums, a, b, area, g, covered, rows)
-        for n in range(many):
+        for n in range(begin[6]):
             was, u = eroded[i, j + n], rows[0, n]
             left = depths.there[i, j + n] - was
             if not (left > 0.0 and mass[a, b + n] > 0.0) or u < MOVING:
@@ -434,9 +450,9 @@ def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, 
             tau = rows[1, n]
             if laws.of_friction != 0:
                 tau = friction_stress(rows[4, n], wet, u, laws.basal[laws.rows[k, n] if len(laws.rows) else 0])
-            base = rows[3, n], rows[4, n], tau, rows[2, n]
-            E = _rate_at(base, u, wet, was, laws.bed[0])
-            more = _eroded_in(lasting * covered[n], E, left, base, u, wet, was, laws.bed[0])
+            at = rows[3, n], rows[4, n], tau, rows[2, n]
+            E = _rate_at(at, u, wet, was, laws.bed[0])
+            more = _eroded_in(lasting * rows[5, n], E, left, at, u, wet, was, laws.bed[0])
             largest = max(largest, E)
             if more > 0.0:
                 eroded[i, j + n] = was + more

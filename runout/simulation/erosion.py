@@ -172,8 +172,10 @@ class ErodingBed:
         reached = bed_loops.Reached(np.zeros(columns.shape[0]), np.zeros((columns.shape[0], 2), np.int64))
         flow = self._flow(columns, self._pore_ratios(engine, columns))
         laws = bed_loops.Laws(self.basal, rows, self.record, int(self.bed.erosion.of_friction))
+        base = np.empty((columns.shape[0], 6, columns.shape[1]))
         with threads_at_most(columns.mass.size // NODES_OF_A_THREAD):
-            loops(self.law, scene.basal.law).erode_nodes(flow, self._under, laws, self._depths, lasting, reached)
+            plan_loops().note_bases(flow, self._under, base)
+            loops(self.law, scene.basal.law).erode_nodes(flow, base, laws, self._depths, lasting, reached)
         self._note_changed(part_of[0].start + np.flatnonzero(reached.nodes[:, 1]), reached.nodes)
         return float(reached.fastest.max())
 

@@ -215,9 +215,10 @@ def test_compiled_rate_is_that_of_plain_python(law):
     sums = np.array([10.0, 60e3, 0.0, 0.0, 20e3]).reshape(5, 1, 1)  # 2 m thick over 5 m2, at 3 m/s
     there, eroded, owed = np.full((1, 1), 9.0), np.full((1, 1), 0.1), np.zeros((1, 1))
     fastest, reached, nothing = np.zeros(1), np.zeros((1, 2), np.int64), np.zeros((0, 0))
+    flow, base = bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])), np.empty((1, 6, 1))
+    plan_loops().note_bases(flow, bed_loops.Ground(0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity), base)
     loops(erosion, friction).erode_nodes(
-        bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])),
-        bed_loops.Ground(0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity),
+        flow, base,
         bed_loops.Laws(basal, np.zeros((0, 0), np.int64), bed_record, of_friction),
         bed_loops.Depths(there, eroded, owed), 0.25, bed_loops.Reached(fastest, reached),
     )  # fmt: skip
@@ -492,9 +493,11 @@ def test_depth_that_the_stress_allows_is_not_passed_in_a_long_update(lasting):
     ground = 2.0 * slope * (np.arange(3.0)[:, None] - 1.0) + np.zeros((3, 3))
     sums = np.array([2.0 * across * 4.0, 48e3 * across, 0.0, 0.0, 16e3 * across]).reshape(5, 1, 1)  # 2 m thick over 4 m2, at 3 m/s
     eroded, owed, nothing = np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((0, 0))
+    flow, base = bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])), np.empty((1, 6, 1))
+    gravity = np.array([0.0, 0.0, -9.81])
+    plan_loops().note_bases(flow, bed_loops.Ground(ground, 0.0 * ground, np.array([2.0, 2.0, 2.0]), gravity), base)
     loops(law, friction).erode_nodes(
-        bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])),
-        bed_loops.Ground(ground, 0.0 * ground, np.array([2.0, 2.0, 2.0]), np.array([0.0, 0.0, -9.81])),
+        flow, base,
         bed_loops.Laws(np.zeros(1, [("friction", float)]), np.zeros((0, 0), np.int64), record, 0),
         bed_loops.Depths(np.full((1, 1), 9.0), eroded, owed), lasting,
         bed_loops.Reached(np.zeros(1), np.zeros((1, 2), np.int64)),
