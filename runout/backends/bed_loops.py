@@ -1,8 +1,8 @@
 """Loops over the nodes of the plan: they make the ground, erode a bed under the columns of the flow and give birth.
 
-Erosion is one pass: the bed that is left at a node, the speed of its column, the slope of the ground there, the rate, and what is
-eroded.
-The binding compiles them and puts the laws of the scene in the place of ``rate`` and ``friction_stress``.
+Erosion has two passes. The first, which knows no law, takes speed and stresses of the columns and the slope of the ground; the
+second takes the bed that is left, the rate, and what is eroded. The binding compiles them and puts the laws of the scene in the
+place of ``rate`` and ``friction_stress``.
 """
 
 import math
@@ -92,8 +92,9 @@ class Pools(NamedTuple):
 class Newborn(NamedTuple):
     """Particles (n,) of the bed."""
 
-    # place, force (n, 3), (n, 3): [m], and of the ground [N]
-    place: np.ndarray
+    # node, offset, force: (n, 3) of :class:`runout.model.particles.Particles`; that of the ground [N]
+    node: np.ndarray
+    offset: np.ndarray
     force: np.ndarray
     speed: np.ndarray  # of the column that takes it up [m/s]
     release: np.ndarray
@@ -104,25 +105,25 @@ def rate(H: Any, u: Any, sigma: Any, tau: Any, pore_ratio: Any, eroded: Any, bed
     return 0.0
 
 
-def _rate_at(column: Any, slopes: Any, eroded: Any, g: Any, basal: Any, of_friction: int, bed: Any):
-    """Vertical rate [m/s] under a ``column``: vertical thickness [m], speed [m/s], density [kg/m3], pore pressure ratio [1]."""
-    H, u, density, pore_ratio = column
+def _base_of(thickness: Any, density: Any, slopes: Any, g: Any):
+    """Under a column of a vertical ``thickness`` [m]: thickness across [m], normal and driving stress [Pa], and n_z."""
     normal = upward_normal(slopes[0], slopes[1])
-    across = H * normal[2]
-    sigma = normal_stress(density, across, g, normal)
-    tau = driving_stress(density, across, g, normal)
-    if of_friction != 0:
-        tau = friction_stress(sigma, pore_ratio, u, basal)
-    return rate(across, u, sigma, tau, pore_ratio, eroded * normal[2], bed) / normal[2]
+    across = thickness * normal[2]
+    return across, normal_stress(density, across, g, normal), driving_stress(density, across, g, normal), normal[2]
 
 
-def _eroded_in(time: Any, E: Any, left: Any, column: Any, slopes: Any, eroded: Any, g: Any, own: Any, of_friction: int, bed: Any):
+def _rate_at(base: Any, u: Any, pore_ratio: Any, eroded: Any, bed: Any):
+    """Vertical rate [m/s] where a column with a speed ``u`` [m/s] stands; of its ``base`` the third is tau of the law [Pa]."""
+    return rate(base[0], u, base[1], base[2], pore_ratio, eroded * base[3], bed) / base[3]
+
+
+def _eroded_in(time: Any, E: Any, left: Any, base: Any, u: Any, pore_ratio: Any, eroded: Any, bed: Any):
     """Depth [m] that a column erodes in a time [s], of what is ``left`` [m]; ``E`` is its rate [m/s] at first."""
     more, part = min(time * E, left), time / PARTS
-    if more > 0.0 and _rate_at(column, slopes, eroded + more, g, own, of_friction, bed) != E:
+    if more > 0.0 and _rate_at(base, u, pore_ratio, eroded + more, bed) != E:
         more = 0.0
         for _ in range(PARTS):
-            more = min(more + part * _rate_at(column, slopes, eroded + more, g, own, of_friction, bed), left)
+            more = min(more + part * _rate_at(base, u, pore_ratio, eroded + more, bed), left)
     return more
 
 
@@ -135,16 +136,33 @@ def _with_row(row: Any, j: int, around: Any, squares: Any):
 def _covered_at(mass: Any, i: int, j: int):
     """Share [1] of its ground that the column of a node with a ``mass`` (nx, ny) [kg] covers."""
     around, squares = 0.0, 0.0
-    if 0 < i < mass.shape[0] - 1 and 0 < j < mass.shape[1] - 1:  # bounds that vary take twice as long
-        around, squares = _with_row(mass[i - 1], j, around, squares)
-        around, squares = _with_row(mass[i], j, around, squares)
-        around, squares = _with_row(mass[i + 1], j, around, squares)
-        return covered_share(mass[i, j], around, squares)
     for a in range(max(i - 1, 0), min(i + 2, mass.shape[0])):
         for b in range(max(j - 1, 0), min(j + 2, mass.shape[1])):
             around += mass[a, b]
             squares += mass[a, b] * mass[a, b]
     return covered_share(mass[i, j], around, squares)
+
+
+def _note_covered(mass: Any, a: int, b: int, covered: Any):
+    """Shares ``covered`` (n,) [1] of the ground of nodes from (a, b) on, as of :func:`_covered_at`."""
+    n, inner = len(covered), 0 < a < mass.shape[0] - 1
+    low = 0 if b > 0 else 1
+    high = min(n, mass.shape[1] - 1 - b)
+    if not inner or high <= low:
+        for k in range(n):
+            covered[k] = _covered_at(mass, a, b + k)
+        return
+    if low > 0:
+        covered[0] = _covered_at(mass, a, b)
+    for k in range(high, n):
+        covered[k] = _covered_at(mass, a, b + k)
+    first, end = b + low - 1, b + high + 1
+    south, here, north, found = mass[a - 1, first:end], mass[a, first:end], mass[a + 1, first:end], covered[low:high]
+    for k in range(len(found)):  # without branches: several nodes at once
+        around, squares = _with_row(south, k + 1, 0.0, 0.0)
+        around, squares = _with_row(here, k + 1, around, squares)
+        around, squares = _with_row(north, k + 1, around, squares)
+        found[k] = covered_share(here[k + 1], around, squares)
 
 
 def _coefficient(ground: Any, i: int, j: int, begin: Any):
@@ -166,10 +184,60 @@ def _coefficients_around(ground: Any, i: int, j: int, begin: Any):
     )  # fmt: skip
 
 
-def _slopes(ground: Any, i: int, j: int, begin: Any):
-    """Slopes of the ground at a node [m / cell]."""
-    found = surface_at(_coefficients_around(ground, i, j, begin), 1.0, 1.0)
-    return found[1], found[2]
+def _levels(ground: Any, i: int, j: int, begin: Any, level: Any):
+    """Coefficients ``level`` (n + 2,) [m] of the ground at a row of nodes from the one before (i, j) on."""
+    change, m, n = ground.change, i + begin[4], j - 1 + begin[5]
+    own = ground.coefficients[i + 1, j : j + len(level)]
+    for k in range(len(own)):
+        level[k] = own[k]
+    if 0 <= m < change.shape[0]:
+        low, high = max(-n, 0), min(len(level), change.shape[1] - n)
+        if low < high:
+            there, more = level[low:high], change[m, n + low : n + high]
+            for k in range(len(there)):
+                there[k] += more[k]
+
+
+def _note_slopes(level: Any, spacing: Any, east: Any, north: Any):
+    """Slopes (n,) [1] of the ground at nodes in a row, from coefficients ``level`` (3, n + 2) [m] of it and the rows beside."""
+    west, here, beyond, dx, dy = level[0], level[1], level[2], spacing[0], spacing[1]
+    for k in range(len(east)):
+        nine = tens(
+            west[k], west[k + 1], west[k + 2], here[k], here[k + 1], here[k + 2], beyond[k], beyond[k + 1], beyond[k + 2],
+        )  # fmt: skip
+        found = surface_at(nine, 1.0, 1.0)
+        east[k] = found[1] / dx
+        north[k] = found[2] / dy
+
+
+def _note_base(flow: Any, a: int, b: int, area: float, g: Any, covered: Any, rows: Any):
+    """Under the columns of nodes from (a, b) on: ``rows`` get speed, driving stress, n_z, thickness across, normal stress.
+
+    They hold the slopes east and north in the second and the third.
+    """
+    end = b + len(covered)
+    volume, x, y, z, mass = flow[0, a, b:end], flow[1, a, b:end], flow[2, a, b:end], flow[3, a, b:end], flow[4, a, b:end]
+    speed, east, north, across, sigma = rows[0], rows[1], rows[2], rows[3], rows[4]
+    for k in range(len(covered)):
+        speed[k] = math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]) / mass[k]
+    for k in range(len(covered)):
+        base = _base_of(volume[k] / (area * covered[k]), mass[k] / volume[k], (east[k], north[k]), g)
+        across[k], sigma[k], east[k], north[k] = base[0], base[1], base[2], base[3]
+
+
+def _note_sunk(eroded: Any, sunk: Any, fall: Any):
+    """By how much nodes in a row fall [m]; they are ``sunk`` (n,) [m] then by all that is ``eroded``."""
+    for k in range(len(eroded)):
+        fall[k] = eroded[k] - sunk[k]
+        sunk[k] = eroded[k]
+
+
+def _note_levels(ground: Any, i: int, j: int, begin: Any, floor: Any):
+    """Coefficients (n,) [m] of the ground at a row of nodes from (i, j) on; :data:`FAR_BELOW` where none was made."""
+    _levels(ground, i, j + 1, begin, floor)
+    for k in range(len(floor)):
+        if math.isnan(floor[k]):
+            floor[k] = FAR_BELOW
 
 
 def note_fall(depths: Any, sunk: Any, ground: Any, begin: Any, first: Any, size: Any, column: Any):
@@ -188,24 +256,28 @@ def note_fall(depths: Any, sunk: Any, ground: Any, begin: Any, first: Any, size:
     column : ndarray (2, nx, ny)
         Fall and coefficients [m] of these nodes and as many around on each side; :data:`FAR_BELOW` all where no ground was made.
     """
-    fall, floor, made = column[0], column[1], ground.coefficients.shape
+    fall, floor, made, eroded = column[0], column[1], ground.coefficients.shape, depths.eroded
     around = (fall.shape[0] - size[0]) // 2, (fall.shape[1] - size[1]) // 2
     for k in prange(len(fall)):
-        i = first[0] - around[0] + k
-        for n in range(fall.shape[1]):
-            j = first[1] - around[1] + n
-            fall[k, n], floor[k, n] = 0.0, FAR_BELOW
-            if around[0] <= k < around[0] + size[0] and around[1] <= n < around[1] + size[1]:
-                fall[k, n] = depths.eroded[i, j] - sunk[i, j]
-                sunk[i, j] = depths.eroded[i, j]
-            if -1 <= i < made[0] - 1 and -1 <= j < made[1] - 1:
-                level = _coefficient(ground, i, j, begin)
-                floor[k, n] = FAR_BELOW if math.isnan(level) else level
+        i, j = first[0] - around[0] + k, first[1] - around[1]
+        fall[k], floor[k] = 0.0, FAR_BELOW
+        if around[0] <= k < around[0] + size[0]:
+            _note_sunk(eroded[i, first[1] : first[1] + size[1]], sunk[i, first[1] : first[1] + size[1]], fall[k, around[1] :])
+        low, high = max(j, -1), min(j + fall.shape[1], made[1] - 1)
+        if -1 <= i < made[0] - 1 and low < high:
+            _note_levels(ground, i, low, begin, floor[k, low - j : high - j])
 
 
 def _within(node: Any, way: Any, spacing: Any, size: Any):
     """Place [m] within half a cell of a ``node``, by the part of a ``way`` [cells] beyond whole cells; from 0 to ``size`` [m]."""
     return min(max((node + (way - math.floor(way)) - 0.5) * spacing, 0.0), size)
+
+
+def _from_node(place: Any, spacing: Any):
+    """First node of a particle at a place [m] along an axis, and its offset from there [cells]."""
+    q = place / spacing
+    first = math.floor(q - 0.5)
+    return first, q - first
 
 
 def bring_forth(born: Any, releases: Any, first: Any, numbers: Any, flow: Any, ground: Any, domain: Any, kinds: Any, newborn: Any):
@@ -232,7 +304,7 @@ def bring_forth(born: Any, releases: Any, first: Any, numbers: Any, flow: Any, g
     """
     spacing, begin, g = ground.spacing, flow.begin, vec(ground.gravity[0], ground.gravity[1], ground.gravity[2])
     sums, radius, area = flow.sums, kinds[-1], spacing[0] * spacing[1]
-    place, force, speed, release = newborn.place, newborn.force, newborn.speed, newborn.release
+    node, offset, force, speed, release = newborn.node, newborn.offset, newborn.force, newborn.speed, newborn.release
     for k in prange(len(born)):
         number, p, i = numbers[k, 0], numbers[k, 1], first[0, 0] + k
         for n in range(born.shape[1]):
@@ -252,7 +324,10 @@ def bring_forth(born: Any, releases: Any, first: Any, numbers: Any, flow: Any, g
                 east, north = at[1] / spacing[0], at[2] / spacing[1]
                 normal = upward_normal(east, north)
                 bears = normal_stress(load, normal[2], g, normal) * kinds[own] / (2.0 * radius)
-                place[p, 0], place[p, 1], place[p, 2] = x, y, at[0] + radius * math.sqrt(1.0 + east * east + north * north)
+                z = at[0] + radius * math.sqrt(1.0 + east * east + north * north)
+                node[p, 0], offset[p, 0] = _from_node(x, spacing[0])
+                node[p, 1], offset[p, 1] = _from_node(y, spacing[1])
+                node[p, 2], offset[p, 2] = _from_node(z, spacing[2])
                 force[p, 0], force[p, 1], force[p, 2] = bears * normal[0], bears * normal[1], bears * normal[2]
                 speed[p], release[p] = u, own
                 p += 1
@@ -323,48 +398,66 @@ def resample_windows(lattice: Any, first: Any, windows: Any, values: Any):
         _resample(lattice, begin, line, along, bends, values[west:east, south:north])
 
 
-def erode_nodes(flow: Any, ground: Any, laws: Any, depths: Any, lasting: float, reached: Any):
-    """Add what a flow erodes in a time ``lasting`` [s] to the depths eroded and owed, at the nodes of the bed that it covers.
+def note_bases(flow: Any, ground: Any, base: Any):
+    """Note what the laws read under the columns of nodes of the bed; of use where a column has mass.
 
     Parameters
     ----------
     flow : Flow
     ground : Ground
+    base : ndarray (n, 6, m)
+        For each row of nodes speed [m/s], driving stress [Pa], n_z, thickness across [m], normal stress [Pa] and the share of its
+        ground that a column covers [1].
+    """
+    begin, spacing, gravity = flow.begin, ground.spacing, ground.gravity
+    g, area = vec(gravity[0], gravity[1], gravity[2]), spacing[0] * spacing[1]
+    for k in prange(len(base)):
+        a, b, i, j = begin[0] + k, begin[1], begin[2] + k, begin[3]
+        rows, level = base[k], np.empty((3, base.shape[2] + 2))
+        for n in range(3):
+            _levels(ground, i + n - 1, j, begin, level[n])
+        _note_slopes(level, spacing, rows[1], rows[2])
+        _note_covered(flow.sums[4], a, b, rows[5])
+        _note_base(flow.sums, a, b, area, g, rows[5], rows)
+
+
+def erode_nodes(flow: Any, base: Any, laws: Any, depths: Any, lasting: float, reached: Any):
+    """Add what a flow erodes in a time ``lasting`` [s] to the depths eroded and owed, at the nodes of the bed that it covers.
+
+    Parameters
+    ----------
+    flow : Flow
+    base : ndarray (n, 6, m)
+        As of :func:`note_bases`.
     laws : Laws
     depths : Depths
         ``eroded`` and ``owed`` grow.
     reached : Reached
         Filled.
     """
-    begin, spacing, gravity = flow.begin, ground.spacing, ground.gravity
+    begin, mass = flow.begin, flow.sums[4]
     eroded, owed = depths.eroded, depths.owed  # a parallel loop writes into arrays that have a name, not into those of a record
     fastest, nodes = reached.fastest, reached.nodes
-    g, area = vec(gravity[0], gravity[1], gravity[2]), spacing[0] * spacing[1]
-    mass = flow.sums[4]
     for k in prange(len(fastest)):
-        a, i, largest, first, last = begin[0] + k, begin[2] + k, 0.0, eroded.shape[1], 0
+        a, b, i, j, rows = begin[0] + k, begin[1], begin[2] + k, begin[3], base[k]
+        largest, first, last = 0.0, eroded.shape[1], 0
         for n in range(begin[6]):
-            b, j = begin[1] + n, begin[3] + n
-            left, m = depths.there[i, j] - eroded[i, j], mass[a, b]
-            if not (left > 0.0 and m > 0.0):
+            was, u = eroded[i, j + n], rows[0, n]
+            left = depths.there[i, j + n] - was
+            if not (left > 0.0 and mass[a, b + n] > 0.0) or u < MOVING:
                 continue
-            x, y, z = flow.sums[1, a, b], flow.sums[2, a, b], flow.sums[3, a, b]
-            u = math.sqrt(x * x + y * y + z * z) / m
-            if u < MOVING:
-                continue
-            east, north = _slopes(ground, i, j, begin)
-            covered = _covered_at(mass, a, b)
             wet = flow.pore_ratio[k, n] if len(flow.pore_ratio) else 0.0
-            column = flow.sums[0, a, b] / (area * covered), u, m / flow.sums[0, a, b], wet
-            own = laws.basal[laws.rows[k, n] if len(laws.rows) else 0]
-            slopes = east / spacing[0], north / spacing[1]
-            E = _rate_at(column, slopes, eroded[i, j], g, own, laws.of_friction, laws.bed[0])
-            more = _eroded_in(lasting * covered, E, left, column, slopes, eroded[i, j], g, own, laws.of_friction, laws.bed[0])
+            tau = rows[1, n]
+            if laws.of_friction != 0:
+                tau = friction_stress(rows[4, n], wet, u, laws.basal[laws.rows[k, n] if len(laws.rows) else 0])
+            at = rows[3, n], rows[4, n], tau, rows[2, n]
+            E = _rate_at(at, u, wet, was, laws.bed[0])
+            more = _eroded_in(lasting * rows[5, n], E, left, at, u, wet, was, laws.bed[0])
             largest = max(largest, E)
             if more > 0.0:
-                eroded[i, j] += more
-                owed[i, j] += more
-                first, last = min(first, j), j + 1
+                eroded[i, j + n] = was + more
+                owed[i, j + n] += more
+                first, last = min(first, j + n), j + n + 1
         fastest[k], nodes[k, 0], nodes[k, 1] = largest, first, last
 
 
@@ -425,8 +518,10 @@ def round_pools(pools: Any, first: Any, steps: Any, nearest: bool, size: int):
             if nearest:
                 place = (first[1, 0] + i0) * steps[0] + (first[1, 1] + j0) * steps[1]
                 number = math.floor(particles + 0.5 + DITHER * (1.0 - 2.0 * (place - math.floor(place))))
-            if not _pool_has(pools, low, high, number * each / due):
+            if number > whole and not _pool_has(pools, low, high, number * each / due):
                 number = whole
+            if number == 0:
+                continue
             born[at[0] - first[0, 0], at[1] - first[0, 1]] += number
             for i in range(low[0], high[0]):
                 for j in range(low[1], high[1]):

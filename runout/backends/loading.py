@@ -9,7 +9,7 @@ from runout.model.particles import Particles
 
 def require_movable(p: Particles) -> None:
     """Raise StabilityError for particles that no step can move."""
-    if not (p.rests or np.isfinite(p.velocity).all()) or not np.isfinite(p.offset).all():
+    if not (p.is_still or np.isfinite(p.velocity).all()) or not np.isfinite(p.offset).all():
         raise StabilityError("positions or velocities of the particles are not finite; check the input")
     if not (p.mass > 0).all():
         raise StabilityError("a particle has no mass; every particle needs a positive mass")
@@ -17,7 +17,7 @@ def require_movable(p: Particles) -> None:
 
 def fastest(p: Particles) -> float:
     """Largest speed [m/s]."""
-    return 0.0 if p.rests else float(np.sqrt((p.velocity**2).sum(1).max(initial=0.0)))
+    return 0.0 if p.is_still else float(np.sqrt((p.velocity**2).sum(1).max(initial=0.0)))
 
 
 def surveyed(source: ParticleSource) -> tuple[np.ndarray, float]:

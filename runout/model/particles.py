@@ -128,6 +128,11 @@ class Particles:
         return len(self.mass)
 
     @property
+    def is_still(self) -> bool:
+        """Whether the velocity is the zeros of :meth:`at_rest`."""
+        return self.velocity.base is _zeros(1 << len(self).bit_length())
+
+    @property
     def rests(self) -> bool:
         """Whether velocity, affine matrix, history and force of the ground are the zeros of :meth:`at_rest`."""
         zero = _zeros(1 << len(self).bit_length())

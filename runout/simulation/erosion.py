@@ -172,15 +172,18 @@ class ErodingBed:
         reached = bed_loops.Reached(np.zeros(columns.shape[0]), np.zeros((columns.shape[0], 2), np.int64))
         flow = self._flow(columns, self._pore_ratios(engine, columns))
         laws = bed_loops.Laws(self.basal, rows, self.record, int(self.bed.erosion.of_friction))
+        base = np.empty((columns.shape[0], 6, columns.shape[1]))
         with threads_at_most(columns.mass.size // NODES_OF_A_THREAD):
-            loops(self.law, scene.basal.law).erode_nodes(flow, self._under, laws, self._depths, lasting, reached)
+            plan_loops().note_bases(flow, self._under, base)
+            loops(self.law, scene.basal.law).erode_nodes(flow, base, laws, self._depths, lasting, reached)
         self._note_changed(part_of[0].start + np.flatnonzero(reached.nodes[:, 1]), reached.nodes)
         return float(reached.fastest.max())
 
     def _flow(self, columns: Columns, pore_ratio: np.ndarray) -> bed_loops.Flow:
         """Columns over nodes of the bed, with a pore pressure ratio (nx, ny) or none (0, 0)."""
-        low, change = np.subtract(columns.first, self.first), np.subtract(self.first, self.ground.first)
-        return bed_loops.Flow(columns.sums, pore_ratio, np.array([*columns.begin, *low, *change, columns.shape[1]], np.int64))
+        (i, j), (east, north), (a, b) = columns.first, self.first, self.ground.first
+        begin = np.array([*columns.begin, i - east, j - north, east - a, north - b, columns.shape[1]], np.int64)
+        return bed_loops.Flow(columns.sums, pore_ratio, begin)
 
     @property
     def _under(self) -> bed_loops.Ground:
@@ -274,23 +277,23 @@ class ErodingBed:
         """The particles that are ``born`` (nx, ny) from a ``first`` node on (2, 2), at rest, of a ``mass`` (releases,) [kg]."""
         scene, raster, in_rows = self.scene, self.scene.raster, born.sum(axis=1)
         before, number = np.cumsum(in_rows) - in_rows, int(in_rows.sum())
-        places = np.empty((number, 3))
-        found = bed_loops.Newborn(places, np.empty((number, 3)), np.empty(number), np.empty(number, np.int32))
+        newborn = Particles.at_rest(number)
+        newborn.ground_force, speed = np.empty((number, 3)), np.empty(number)
+        found = bed_loops.Newborn(newborn.node, newborn.offset, newborn.ground_force, speed, newborn.release)
         numbers, size = np.column_stack([self.born + before, before]), (raster.columns, raster.rows) * np.array(raster.cell_size)
         domain, kinds = np.array([size, arrangement.PLASTIC[:2]]), np.array([*mass / scene.densities, self.radius])
         flow = self._flow(columns, np.zeros((0, 0)))
         with threads_at_most(born.size // NODES_OF_A_THREAD):
             plan_loops().bring_forth(born, self.releases, first, numbers, flow, self._under, domain, kinds, found)
-        newborn = Particles.at(places, np.array(scene.spacing))
-        newborn.release[:], newborn.mass[:], newborn.volume[:] = found.release, mass[found.release], kinds[found.release]
-        newborn.radius[:], newborn.ground_force[:] = self.radius, found.force
-        newborn.identity[:] = self.particles + self.born + np.arange(number)
+        newborn.mass, newborn.volume = mass[newborn.release], kinds[newborn.release]
+        newborn.radius[:] = self.radius
+        newborn.identity += self.particles + self.born
         if scene.is_wet:
-            stays = scene.pore_table()["equilibrium"][found.release]
+            stays = scene.pore_table()["equilibrium"][newborn.release]
             ratio = self.bed.pore_pressure_ratio
-            newborn.pore_excess[:], newborn.pore_left[:] = 0.0 if ratio is None else ratio - stays, 1.0
+            newborn.pore_excess, newborn.pore_left = 0.0 * stays if ratio is None else ratio - stays, np.ones(number)
         self._note_births(newborn.identity)
-        self._book(newborn, found.speed)
+        self._book(newborn, speed)
         self.born += number
         return newborn
 

@@ -14,7 +14,7 @@ from runout.model.scene import Raster, Scene
 
 POOL_WIDTHS = 2, 4, 8, 16  # nodes
 THINNEST = 1e-6  # [m] of a bed; less is rounding
-NODES_OF_A_THREAD = 2**11  # that are worth a thread of their own
+NODES_OF_A_THREAD = 2**13  # that are worth a thread of their own: one that sleeps takes as long to wake as a pass over them
 
 
 @dataclass
@@ -71,6 +71,8 @@ class GroundCoefficients:
         low = [(one - 1) // TILE for one in first]
         high = [(one + n - 2) // TILE + 1 for one, n in zip(first, mass.shape, strict=True)]
         own = tuple(slice(a - begin, b - begin) for a, b, begin in zip(low, high, self.begin, strict=True))
+        if self.known[own].all():
+            return
         begins = [n * TILE + 1 - one for n, one in zip(low, first, strict=True)]  # of the first tile among the nodes
         missing = []
         for i, j in np.argwhere(~self.known[own]).tolist():
@@ -86,7 +88,7 @@ class GroundCoefficients:
         windows = np.stack([np.maximum(begins, 0), np.minimum(begins + WIDTH, self.values.shape)], axis=1)
         numbers = (np.array(values, np.float64) for values in (surface.origin, surface.spacing, self.ground.spacing))
         lattice = bed_loops.Lattice(np.ascontiguousarray(surface.coefficients, np.float64), *numbers)
-        with threads_at_most(len(tiles) * TILE**2 // NODES_OF_A_THREAD):
+        with threads_at_most(len(tiles)):
             plan_loops().resample_windows(lattice, np.array(self.first, np.int64), windows, self.values)
         self.known[*(tiles - self.begin).T] = True
 

@@ -170,6 +170,32 @@ def test_interrupted_run_with_births_gives_the_same_bits(backend, tmp_path):
     assert resumed.counters.steps == whole.counters.steps
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (4, 1), (2, 2), (2, 5), (3, 5), (5, 3)])
+def test_columns_in_a_row_cover_what_each_of_them_covers_alone(shape):
+    mass = np.random.default_rng(3).uniform(0.1, 2.0, shape)
+    for a, b in np.ndindex(shape):
+        for n in range(1, shape[1] - b + 1):
+            covered = np.zeros(n)
+            bed_loops._note_covered(mass, a, b, covered)
+            around = [mass[max(a - 1, 0) : a + 2, max(b + k - 1, 0) : b + k + 2] for k in range(n)]
+            shares = [min(1.0, 2.0 * mass[a, b + k] * part.sum() / (part**2).sum()) for k, part in enumerate(around)]
+            np.testing.assert_allclose(covered, shares, rtol=1e-14)
+
+
+@pytest.mark.parametrize("change_first", [(0, 0), (-1, -2), (1, 2), (-9, 0), (0, 9)])
+def test_ground_of_a_row_has_changed_where_there_is_a_table_of_changes(change_first):
+    rng = np.random.default_rng(4)
+    coefficients, change = rng.uniform(size=(6, 7)), rng.uniform(size=(3, 4))  # of nodes from (-1, -1) and from change_first on
+    whole = np.zeros((40, 40))
+    whole[10 + change_first[0] : 13 + change_first[0], 10 + change_first[1] : 14 + change_first[1]] = change
+    begin = np.array([0, 0, 0, 0, -change_first[0], -change_first[1], 0])
+    ground = bed_loops.Ground(coefficients, change, np.ones(3), np.ones(3))
+    for i, j in np.ndindex(6, 7):
+        level = np.zeros(7 - j)
+        bed_loops._levels(ground, i - 1, j, begin, level)
+        np.testing.assert_array_equal(level, coefficients[i, j:] + whole[9 + i, 9 + j : 16])
+
+
 @pytest.mark.parametrize("law", [law.name for law in EROSIONS.of_runout()])
 def test_compiled_rate_is_that_of_plain_python(law):
     """The kernel passes thickness, stresses and depth normal to the ground, and the parameters in SI units."""
@@ -189,9 +215,10 @@ def test_compiled_rate_is_that_of_plain_python(law):
     sums = np.array([10.0, 60e3, 0.0, 0.0, 20e3]).reshape(5, 1, 1)  # 2 m thick over 5 m2, at 3 m/s
     there, eroded, owed = np.full((1, 1), 9.0), np.full((1, 1), 0.1), np.zeros((1, 1))
     fastest, reached, nothing = np.zeros(1), np.zeros((1, 2), np.int64), np.zeros((0, 0))
+    flow, base = bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])), np.empty((1, 6, 1))
+    plan_loops().note_bases(flow, bed_loops.Ground(0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity), base)
     loops(erosion, friction).erode_nodes(
-        bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])),
-        bed_loops.Ground(0.5 * ground, 0.5 * ground, np.array([2.0, 2.5, 2.0]), gravity),
+        flow, base,
         bed_loops.Laws(basal, np.zeros((0, 0), np.int64), bed_record, of_friction),
         bed_loops.Depths(there, eroded, owed), 0.25, bed_loops.Reached(fastest, reached),
     )  # fmt: skip
@@ -466,9 +493,11 @@ def test_depth_that_the_stress_allows_is_not_passed_in_a_long_update(lasting):
     ground = 2.0 * slope * (np.arange(3.0)[:, None] - 1.0) + np.zeros((3, 3))
     sums = np.array([2.0 * across * 4.0, 48e3 * across, 0.0, 0.0, 16e3 * across]).reshape(5, 1, 1)  # 2 m thick over 4 m2, at 3 m/s
     eroded, owed, nothing = np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((0, 0))
+    flow, base = bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])), np.empty((1, 6, 1))
+    gravity = np.array([0.0, 0.0, -9.81])
+    plan_loops().note_bases(flow, bed_loops.Ground(ground, 0.0 * ground, np.array([2.0, 2.0, 2.0]), gravity), base)
     loops(law, friction).erode_nodes(
-        bed_loops.Flow(sums, nothing, np.array([0, 0, 0, 0, 1, 1, 1])),
-        bed_loops.Ground(ground, 0.0 * ground, np.array([2.0, 2.0, 2.0]), np.array([0.0, 0.0, -9.81])),
+        flow, base,
         bed_loops.Laws(np.zeros(1, [("friction", float)]), np.zeros((0, 0), np.int64), record, 0),
         bed_loops.Depths(np.full((1, 1), 9.0), eroded, owed), lasting,
         bed_loops.Reached(np.zeros(1), np.zeros((1, 2), np.int64)),

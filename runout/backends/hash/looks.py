@@ -18,7 +18,7 @@ from runout.backends.hash.columns import LaunchedColumns
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.readback import Bounds, Report, bounds_of
 from runout.backends.protocol import RasterSums
-from runout.model.particles import Particles
+from runout.model.particles import Particles, node_range
 
 MARGIN = 8  # grid cells around the mass
 SPAN = 2  # nodes from the first of a particle to the last that it covers
@@ -90,8 +90,8 @@ class Looks:
         if bounds is None or left < 0:
             self.travelled[scene] = np.inf
             return
-        node, (low, high) = p.node[:, :2], bounds
-        if (node < low + left).any() or (node + SPAN > high - left).any():
+        (lowest, highest), (low, high) = node_range(p.node), bounds
+        if (lowest[:2] < low + left).any() or (highest[:2] + SPAN > high - left).any():
             self.travelled[scene] = np.inf
 
     def launch(self, parts: Parts, accounts: Sequence[Account], step: int, left: np.ndarray) -> None:
