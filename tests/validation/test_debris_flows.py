@@ -114,6 +114,13 @@ def test_members_are_counted_that_leave_half_of_each_deposit():
     assert cascades_2021_fit.of_all(event, rows)["with_deposits"] == 2
 
 
+def test_only_a_member_with_both_scores_has_what_is_aimed_at():
+    scores = {"csi": 0.5, "agreement": 0.85}
+    assert cascades_2021_fit.has_both_scores(scores)
+    assert not cascades_2021_fit.has_both_scores(scores | {"csi": 0.49})
+    assert not cascades_2021_fit.has_both_scores(scores | {"agreement": 0.84})
+
+
 ALL_RANGES = [cascades_2021_fit.RANGES, *cascades_2021_fit.LAW_RANGES.values()]
 
 

@@ -23,6 +23,7 @@ MEMBERS, LAW_MEMBERS, AUTOMATA, ARRANGEMENTS = 256, 64, 128, 8  # law members: o
 SEED, LAW_SEED = 2021, 7  # of the draws
 SEVERAL = 8  # members whose mean is judged beside the best one
 HALVES = ([0, 2, 4], [1, 3, 5])  # reaches by number, from north to south
+AIMED = {"csi": 0.5, "agreement": 0.85}  # scores of a member [1]
 DEPOSITS = [2, 3, 5]  # reaches where the survey shows deposits
 BED_RATIOS = (0.0, 0.3, 0.5, 0.65, 0.8)  # pore pressure ratios of the bed [1]
 RANGES = {
@@ -244,7 +245,12 @@ def _lines(results: Mapping[str, Any]) -> list[str]:
 
 
 def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Percentiles 0, 5, 50, 95 and 100 of scores and volumes over members, and their count."""
+    """Percentiles 0, 5, 50, 95 and 100 of scores and volumes over members; how many they are, and have both scores aimed at."""
     keys = "csi", "agreement", "reach_error", "erosion_volume", "deposition_volume"
     table = {key: np.percentile([row[key] for row in rows], (0, 5, 50, 95, 100)).tolist() for key in keys}
-    return {"count": len(rows), **table}
+    return {"count": len(rows), "with_both_scores": sum(map(has_both_scores, rows)), **table}
+
+
+def has_both_scores(row: Mapping[str, Any]) -> bool:
+    """Whether a member has the scores that were aimed at."""
+    return all(row[key] >= least for key, least in AIMED.items())
