@@ -41,8 +41,10 @@ class Answer:
 
 
 def assumed(study: Study, settings: Mapping[str, Any]) -> str:
-    """Sentence on the assumptions: released volume, friction with its source, erodible bed, and rates."""
-    parts = [part for part in (_released(study), friction(study, settings), _bed(settings)) if part]
+    """Sentence on the assumptions: released volume, friction with its source, pore pressure, erodible bed, and rates."""
+    wet = _wet_masses(settings)
+    pores = f"pore pressure in {', '.join(wet)}" if wet else ""
+    parts = [part for part in (_released(study), friction(study, settings), pores, _bed(settings)) if part]
     rates = re.sub(r"\d+\.\d+(e-\d+)?", lambda rate: number(float(rate[0])), study.hazard.attrs.get("scenarios", ""))
     parts.append(f"scenarios with the rates of site.yaml ({rates})" if rates else "no annual rates")
     return f"Assumed: {'; '.join(parts)}."
@@ -57,6 +59,13 @@ def _released(study: Study) -> str:
     if inflows:
         parts.append(f"{volume(sum(one['volume'] for one in inflows))} of inflow{_times(study, DISCHARGE)}")
     return " and ".join(parts)
+
+
+def _wet_masses(settings: Mapping[str, Any]) -> list[str]:
+    """Names of the releases and inflows with a pore pressure; with them the bed, if it is wet: dry mass takes up dry mass."""
+    masses = [one for block in ("release", "inflow") for one in settings.get(block) or []]
+    wet = [f"{one.get('name') or 'the mass'}" for one in masses if one.get("pore_pressure")]
+    return [*wet, "the bed"] if wet and (settings.get("bed") or {}).get("pore_pressure") else wet
 
 
 def _bed(settings: Mapping[str, Any]) -> str:
@@ -301,11 +310,8 @@ def _calibrated(study: Study, settings: Mapping[str, Any], site: str) -> Answer:
 def _water(study: Study, settings: Mapping[str, Any]) -> Answer:
     question = "Does water play a role?"
     sampled = [_range(study, name) for name in tables.sampled_parameters(study) if "pore_pressure" in name]
-    masses = [one for block in ("release", "inflow") for one in settings.get(block) or []]
-    wet = [f"{one.get('name') or 'the mass'}" for one in masses if one.get("pore_pressure")]
-    wet_bed = bool((settings.get("bed") or {}).get("pore_pressure"))
-    wet += ["the bed"] if wet and wet_bed else []
-    if wet_bed and not wet:
+    wet = _wet_masses(settings)
+    if not wet and (settings.get("bed") or {}).get("pore_pressure"):
         text = "Not by itself: the bed is wet, but what joins a dry mass is dry. State pore_pressure of the release or inflow."
         return Answer(question, text, "settings", "Settings")
     if wet or sampled:

@@ -337,7 +337,7 @@ def test_no_transfer_before_a_start_is_short():
     [
         ([{}, {"start_time": 6.0}], "second: starts at 6 s, the run ends at 6 s; start it earlier"),
         ([{}, {"starts_when": Arrival("second")}], "second: waits for its own flow; name another release"),
-        ([{}, {"starts_when": Arrival("third")}], "second: waits for 'third', which is no release; name another release \\(upper\\)"),
+        ([{}, {"starts_when": Arrival("third")}], "second: waits for 'third', which is no release; name another release"),
         (
             [{"starts_when": Arrival("second")}, {"starts_when": Arrival("upper")}],
             "upper: waits for second, which never starts before it.*second: waits for upper, which never starts before it",

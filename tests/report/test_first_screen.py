@@ -185,6 +185,8 @@ def test_water_is_answered_from_the_settings(study, settings):
     assert first_screen.questions(study, settings | wet, "")[7].text == "Yes: pore pressure in scar."
     bed = {"bed": {"depth": 1.0, "pore_pressure": {"ratio": 0.5}}}
     assert first_screen.questions(study, settings | wet | bed, "")[7].text == "Yes: pore pressure in scar, the bed."
+    assert "; pore pressure in scar, the bed; an erodible bed of " in first_screen.assumed(study, settings | wet | bed)
+    assert "pore pressure" not in first_screen.assumed(study, settings | bed)
     assert first_screen.questions(study, settings | bed, "")[7].text.startswith("Not by itself: the bed is wet, but what joins")
 
 
