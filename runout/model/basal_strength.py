@@ -88,7 +88,7 @@ def unchanged(frictions: Sequence[BasalFriction | float], names: Sequence[str], 
         foreign = ", ".join(keys.get(number, number) for number in ground_keys if number not in law.numbers)
         if foreign:
             fault = f"the ground states {foreign}, which its friction law {law.name} does not have"
-            yield f"release {name}: {fault}; it has no effect on it"
+            yield f"{name}: {fault}; it has no effect on it"
 
 
 def sentence(name: str, ground: float, strength: float, *, in_zones: bool = False) -> str:
@@ -96,7 +96,7 @@ def sentence(name: str, ground: float, strength: float, *, in_zones: bool = Fals
     where = "the ground of a friction zone" if in_zones else "the ground"
     acting = geostatic.acting_friction(ground, strength)
     return (
-        f"release {name}: {where} ({_words(ground)}) is stronger than the material; {_words(acting)} acts at the base, "
+        f"{name}: {where} ({_words(ground)}) is stronger than the material; {_words(acting)} acts at the base, "
         "the most that the material passes on in steady shear"
     )
 

@@ -374,5 +374,5 @@ def pore_table(pore_pressure: Sequence[PorePressure | None], densities: np.ndarr
 
 def doubts(pore_pressure: Sequence[PorePressure | None], densities: np.ndarray, names: Sequence[str]) -> list[str]:
     """:meth:`PorePressure.doubt` of releases by their ``names``, where there is one."""
-    said = [p.doubt(d, f"release {name}") for p, d, name in zip(pore_pressure, densities.tolist(), names, strict=True) if p]
+    said = [p.doubt(d, name) for p, d, name in zip(pore_pressure, densities.tolist(), names, strict=True) if p]
     return [sentence for sentence in said if sentence]

@@ -118,7 +118,7 @@ def _require_bearing(releases: Sequence[Release], materials: Sequence[Material])
     for release, material in zip(releases, materials, strict=True):
         material.require_carries(float(release.thickness.max()), STANDARD_GRAVITY)
         if release.pore_pressure:
-            release.pore_pressure.require_fits(release.thickness, material.density, f"release {release.name}")
+            release.pore_pressure.require_fits(release.thickness, material.density, release.name)
 
 
 def inflows_of(inflow: Any) -> list[Inflow]:

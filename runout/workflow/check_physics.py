@@ -76,8 +76,8 @@ def _pressures_that_rise(site: "Site", releases: "Sequence[Release]") -> Iterato
         doubts = []
         for sample, own in zip(samples, (materials[k] for materials in materials_of(site, releases, samples)), strict=True):
             pore = sampled_pores(releases, sample)[k].pore_pressure
-            pore.require_fits(release.thickness, own.density, f"release {release.name}")  # type: ignore[union-attr]
-            doubts.append(pore.doubt(own.density, f"release {release.name}"))  # type: ignore[union-attr]
+            pore.require_fits(release.thickness, own.density, release.name)  # type: ignore[union-attr]
+            doubts.append(pore.doubt(own.density, release.name))  # type: ignore[union-attr]
         found = [(number, doubt) for number, doubt in enumerate(doubts) if doubt]
         if found:
             number, doubt = found[0]
@@ -95,7 +95,7 @@ def wet_masses(site: "Site", releases: "Sequence[Release]") -> Iterator[str]:
         acting, left = (math.degrees(math.atan((1.0 - ratio) * ground)) for ratio in (pore.highest, rest))
         carried = f"{pore.highest:.3g}" if pore.lowest == pore.highest else f"{pore.lowest:.3g} to {pore.highest:.3g}"
         yield (
-            f"release {release.name}: water carries {carried} of its weight at the start; the ground, of "
+            f"{release.name}: water carries {carried} of its weight at the start; the ground, of "
             f"{math.degrees(math.atan(ground)):.1f} deg, acts like {acting:.1f} deg, and like {left:.1f} deg once the pressure has "
             f"drained to {rest:.3g}"
         )
@@ -113,7 +113,7 @@ def standing_layers(site: "Site", releases: "Sequence[Release]") -> Iterator[str
             continue
         slope = "on any slope" if held >= 0.5 else f"on slopes below {math.degrees(0.5 * math.asin(2.0 * held)):.2g} deg"
         yield (
-            f"release {release.name}: its yield stress holds a layer of {mean:.3g} m, its mean thickness, {slope}; steeper, it "
+            f"{release.name}: its yield stress holds a layer of {mean:.3g} m, its mean thickness, {slope}; steeper, it "
             "flows until it is thinner, on ground that holds it too"
         )
 
@@ -214,7 +214,7 @@ def _sheared_by_drag(base: Bases, release: "Release", zones: "FrictionZones | No
         return
     remedy = f"friction_angle_deg of {math.degrees(math.asin(steep)):.0f} passes that on" if steep < 1.0 else "no material does"
     yield (
-        f"release {base.name}: on the steepest {100 - STEEP} % of the ground within reach a steady flow needs a shear stress of "
+        f"{base.name}: on the steepest {100 - STEEP} % of the ground within reach a steady flow needs a shear stress of "
         f"{steep:.2f} times the normal stress, and the material passes on {strength:.2f}: where cells resolve the shear, the mass "
         f"slides too fast over a slow base; {remedy}"
     )

@@ -114,7 +114,7 @@ def lines(materials: "Sequence[Material]", found: "Sequence[Stiffness]", names: 
     own, *members = found
     said, different = [], {material: k for k, material in reversed(list(enumerate(materials)))}
     for material, k in sorted(different.items(), key=lambda pair: pair[1]):
-        of_release = f"release {names[k]}: " if len(different) > 1 else ""
+        of_release = f"{names[k]}: " if len(different) > 1 else ""
         one = replace(own, materials=(own.materials[k],))
         said.append(
             f"stiffness {of_release}youngs_modulus {one.materials[0].modulus:.3g} Pa ({_why(one, material)}): {one.statement()}"

@@ -169,7 +169,7 @@ def test_the_acting_friction_is_the_lesser_of_ground_and_mass():
 
 def test_each_release_that_meets_stronger_ground_is_named_with_both_frictions():
     (said,) = basal_strength.sentences(scene_of_two(), ["upper", "lower"])
-    assert said.startswith("release upper: the ground (friction 0.400, 21.8 deg) is stronger than the material")
+    assert said.startswith("upper: the ground (friction 0.400, 21.8 deg) is stronger than the material")
     assert "friction 0.300, 16.7 deg acts" in said
     where = np.zeros(CELLS, bool)
     where[3, 4] = True

@@ -111,7 +111,7 @@ def test_a_parameter_of_the_ground_that_a_law_lacks_is_named_and_one_that_none_h
         np.ones((2, 2)), np.zeros((2, 2)), (1.0, 1.0), gridded={"inverse_xi": (np.zeros((2, 2)), np.ones((2, 2)))}
     )
     said = list(unchanged([Voellmy(mu=0.2, xi=500.0), 0.3], ["wet", "dry"], zones))
-    assert said == ["release dry: the ground states xi, which its friction law coulomb does not have; it has no effect on it"]
+    assert said == ["dry: the ground states xi, which its friction law coulomb does not have; it has no effect on it"]
     with pytest.raises(ConfigError, match="a raster states inverse_xi, and friction law coulomb has friction; state parameters"):
         GroundFriction([0.3], [MASS], zones)
 

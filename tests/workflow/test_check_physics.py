@@ -25,7 +25,7 @@ def test_check_says_which_friction_acts_on_ground_stronger_than_the_mass(tmp_pat
     assert warned(tmp_path / "weaker", SITE, "stronger than the material") == []
     alone = SITE.replace("basal_friction_angle_deg: 20", "basal_friction_angle_deg: 35").replace(f"    {SAMPLED}\n", "")
     (said,) = warned(tmp_path / "alone", alone.replace("members: 4", "members: 1").replace("  parameters:\n", ""), "stronger")
-    assert said.startswith("release slab: the ground (friction 0.700, 35.0 deg) is stronger than the material")
+    assert said.startswith("slab: the ground (friction 0.700, 35.0 deg) is stronger than the material")
     assert "friction 0.500, 26.6 deg acts" in said
 
 

@@ -61,8 +61,8 @@ def test_check_accepts_the_example_and_names_what_each_release_has(folder, capsy
     assert least_friction(site, found.releases) == pytest.approx(np.arctan(0.03), abs=0.02)
     assert cli.main(["check", str(folder)]) == ExitCode.OK
     said = capsys.readouterr().out
-    assert "stiffness release rock: youngs_modulus 2e+06 Pa (stated)" in said
-    assert "stiffness release mud: youngs_modulus" in said
+    assert "stiffness rock: youngs_modulus 2e+06 Pa (stated)" in said
+    assert "stiffness mud: youngs_modulus" in said
 
 
 def test_forecasts_know_the_laws_of_releases(folder):
