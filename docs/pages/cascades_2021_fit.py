@@ -68,7 +68,6 @@ deposit in each of reaches 3, 4 and 6:
 - **A choice by half of the reaches is worse than none.** The mean of all members with `ramms`, which no half has chosen, misses
   the halves by {mean_errors} m³; the mean of the {several} that `net` chooses misses the other half by {several_errors} m³. One
   half says little about the other: the rank correlations with `ramms` are {rho_low:.2f} to {rho_high:.2f}.
-- Weights by the criteria, of 16 effective members, gave 12397 to 15536 m³ with `ramms`.
 - **{deposits} of {members} members with `ramms` leave half of the observed deposit in each of reaches 3, 4 and 6**, {ll_deposits}
   of {automata} automata do.
 - A CSI of {aimed[csi]:.2f} and an agreement of {aimed[agreement]:.2f} were aimed at as well. Members that have both: {both} with
@@ -108,6 +107,7 @@ saturation 0 to 1, least ratio 0 to 0.8, span to 0.95, blocks of 10 to 80 m. Ran
   the half that chose them, which the chosen one fits to 1072 m³.
 - **Cells matter as much.** Six members with small errors at 5 m, 15554 to 18016 m³ over all reaches, have 16426 to 24577 m³
   at 3 m; the best becomes the third. The member that `net` chooses by reaches 2, 4 and 6 errs there by 9729 m³ at 3 m.
+- Weights by the criteria, of 16 effective members, gave 12397 to 15536 m³ with `ramms`.
 - At 400 s in place of 150 s volumes of reaches differ by 390 m³ at most.
 
 ## The spread of the members

@@ -276,7 +276,7 @@ def _within(node: Any, way: Any, spacing: Any, size: Any):
 def _from_node(place: Any, spacing: Any):
     """First node of a particle at a place [m] along an axis, and its offset from there [cells]."""
     q = place / spacing
-    first = math.floor(q - 0.5)
+    first = first_node(q)
     return first, q - first
 
 

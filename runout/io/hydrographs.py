@@ -43,10 +43,10 @@ def read_hydrograph(path: str | PathLike[str]) -> Hydrograph:
         of_line.append(number)
     columns = {name: np.array([row[name] for row in rows], np.float64) for name in places}
     if not problems or rows:
-        told = {(problem.line, problem.key) for problem in problems}
+        listed = {(problem.line, problem.key) for problem in problems}
         series = columns["time"], columns["discharge"], columns.get("velocity")
-        found = [_placed(source, message) for message in hydrograph_problems(*series, [f"@{number}" for number in of_line])]
-        problems += [problem for problem in found if (problem.line, problem.key) not in told]
+        of_series = [_placed(source, message) for message in hydrograph_problems(*series, [f"@{number}" for number in of_line])]
+        problems += [problem for problem in of_series if (problem.line, problem.key) not in listed]
         problems.sort(key=lambda problem: problem.line or 0)
     if problems:
         more = len(problems) - MOST

@@ -225,8 +225,8 @@ def _read_inflows(findings: Findings, site: "Site") -> None:
         block = "release" if number < len(findings.releases) else "inflow"
         if mass.pore_pressure:
             place = stated_place(site.file, block, entry_number(site.file, block, mass.name), "pore_pressure")
-            told = [*mass.pore_pressure.changes, *unused(mass.pore_pressure, mass.thickness, mass.terrain)]
-            findings.warnings += [f"{place}: {sentence}" for sentence in told]
+            sentences = [*mass.pore_pressure.changes, *unused(mass.pore_pressure, mass.thickness, mass.terrain)]
+            findings.warnings += [f"{place}: {sentence}" for sentence in sentences]
 
 
 def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, float, float]) -> None:
@@ -252,9 +252,9 @@ def _inspect_inflows(findings: Findings, site: "Site", spacing: tuple[float, flo
         except ConfigError as error:
             findings.note(error)
             continue
-        told = one.sentences(end_time, spacing)
-        of_delay = [sentence for sentence in late.sentences(end_time, spacing) if sentence not in told]
-        findings.warnings += [*told, *(f"{sentence};{largest}" for sentence in of_delay)]
+        sentences = one.sentences(end_time, spacing)
+        of_delay = [sentence for sentence in late.sentences(end_time, spacing) if sentence not in sentences]
+        findings.warnings += [*sentences, *(f"{sentence};{largest}" for sentence in of_delay)]
 
 
 def _read_zones(findings: Findings, site: "Site", terrain: "Terrain") -> None:
